@@ -1,0 +1,39 @@
+# make demo    the main job on bundled real data, into out/demo
+# make test    the tests (make test-slow: those that take longer; make lint: style)
+# make venv    .venv with everything, a usable LLVM included; choose the Python with  make venv PYTHON=python3.12
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.ONESHELL:
+.PHONY: venv demo test test-slow lint clean
+
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/installed
+
+venv: $(STAMP)
+
+# The stamp is written last: an interrupted installation is repeated.
+$(STAMP): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || {
+	    echo "mi_enhance needs Python 3.10 or newer; $(PYTHON) is $$($(PYTHON) --version 2>&1). Run: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || {
+	    echo "$(PYTHON) cannot create virtual environments. Run: apt install python3-venv (or choose another one: make $(MAKECMDGOALS) PYTHON=...)" >&2; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	touch $@
+
+demo: venv
+	$(BIN)/mi-enhance demo -o out/demo
+
+test: venv
+	$(BIN)/python -m pytest
+
+test-slow: venv
+	$(BIN)/python -m pytest -m slow
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+clean:
+	rm -rf .venv out build dist *.egg-info

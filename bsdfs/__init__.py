@@ -1,0 +1,52 @@
+"""The Mitsuba plugins of mi_enhance, installed as ``mi_enhance.bsdfs``.
+
+A plugin written in Python is registered for one variant, and its class is only valid in the variant in which it was
+created. So the plugin file is loaded anew whenever the variant changes, as Mitsuba does with its own Python integrators.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import mitsuba as mi
+
+_PLUGIN = "mi_enhance.bsdfs.enhanced"
+
+
+def register(old: str | None = None, new: str | None = None) -> None:
+    """Make ``{"type": "enhanced"}`` known to the variant that is active.
+
+    ``import mi_enhance`` calls it and has Mitsuba call it after every change of variant, so nobody else needs to.
+    It never raises, because Mitsuba calls it from within ``mi.set_variant()``: what is wrong is said when a scene asks
+    for the plugin.
+
+    Parameters
+    ----------
+    old, new : str, optional
+        What Mitsuba passes to such callbacks; not needed.
+    """
+    variant = mi.variant()
+    if variant is None:
+        return
+    if variant.startswith("scalar"):
+        _register_error(
+            f'mi_enhance: variant "{variant}" cannot run the networks of "enhanced". '
+            'Call mi.set_variant("llvm_ad_rgb") first.'
+        )
+        return
+    try:
+        plugin = importlib.reload(sys.modules[_PLUGIN]) if _PLUGIN in sys.modules else importlib.import_module(_PLUGIN)
+    except Exception as error:
+        _register_error(f'mi_enhance: "enhanced" could not be loaded in variant "{variant}": {error!r}', error)
+        return
+    mi.register_bsdf("enhanced", lambda props: plugin.Enhanced(props))
+
+
+def _register_error(message: str, cause: Exception | None = None) -> None:
+    """Register a plugin that only tells why it cannot be had."""
+
+    def refuse(props: mi.Properties):
+        raise RuntimeError(message) from cause
+
+    mi.register_bsdf("enhanced", refuse)

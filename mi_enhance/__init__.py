@@ -1,0 +1,85 @@
+"""Neural enhancement of analytical BRDFs for Mitsuba 3.
+
+Importing this package finds an LLVM that Dr.Jit can use (`_llvm.py`; import it before ``mitsuba`` or ``drjit``) and
+registers the plugin ``{"type": "enhanced"}`` for every variant. Everything else is loaded when first used.
+
+Examples
+--------
+>>> import mi_enhance as me
+>>> import mitsuba as mi
+>>> mi.set_variant("llvm_ad_rgb")
+>>> material = me.load("gold.bsdf")  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+
+from . import _llvm
+
+__version__ = "0.1.0"
+
+_MODULES = ("data", "geometry", "graph", "losses", "metrics", "models", "sampling", "terms")
+# name: the module that holds it. The functions among them that are named like their module need _Package below.
+_NAMES = {
+    "Material": "material",
+    "load": "material",
+    "enhance": "enhance",
+    "fit": "fit",
+    "train": "train",
+    "compare": "compare",
+}
+__all__ = ["__version__", *_MODULES, *_NAMES]
+
+
+class _Package(ModuleType):
+    """Keeps ``mi_enhance.fit`` the function.
+
+    Whoever imports the module ``mi_enhance.fit`` makes Python store that module as attribute ``fit`` of the package,
+    which would hide the function of the same name from then on.
+    """
+
+    def __setattr__(self, name, value):
+        if not (name in _NAMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str):
+    if name in _MODULES:
+        return importlib.import_module(f"{__name__}.{name}")
+    if name == "load":
+        return importlib.import_module(f"{__name__}.material").Material.load
+    if name in _NAMES:
+        return getattr(importlib.import_module(f"{__name__}.{_NAMES[name]}"), name)
+    raise AttributeError(f'mi_enhance has no "{name}". Public names: {", ".join(__all__)}.')
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+def _is_command_line() -> bool:
+    """Tell whether this process is `mi-enhance`: it reports a missing LLVM itself, and its doctor must still run."""
+    return "mi-enhance" in (Path(a).stem for a in sys.argv[:1]) or ("-m", __name__) in pairwise(sys.orig_argv)
+
+
+try:
+    _llvm.found = _llvm.prepare()
+except ImportError as error:
+    if not _is_command_line():
+        raise
+    _llvm.problem = str(error)
+
+import mitsuba as _mi  # noqa: E402  (after the LLVM is chosen)
+
+from . import bsdfs as _bsdfs  # noqa: E402
+
+_bsdfs.register()
+_mi.detail.add_variant_callback(_bsdfs.register)
