@@ -1,0 +1,44 @@
+"""What all readers need from the file system: a file that is there, and writing that never leaves half a file."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+
+def require_file(path, where):
+    """Return `path` as Path, or say what is there instead of a file."""
+    path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{where}: this is a folder. Give one file in it.")
+    if not path.exists():
+        raise FileNotFoundError(f"{where}: no such file. Check the name; a relative path starts in {Path.cwd().name}/.")
+    return path
+
+
+def material_name(path):
+    """Name of the material in a file that holds one; RGL appends `_rgb`, which is no part of the name."""
+    return Path(path).stem.removesuffix("_rgb")
+
+
+@contextlib.contextmanager
+def replacing(path):
+    """Yield the name of a temporary file beside `path` that takes its place when the block ends without error."""
+    path = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+    os.close(handle)
+    try:
+        yield temporary
+        os.chmod(temporary, 0o666 & ~_umask())  # mkstemp makes it private; a data file has the usual rights
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _umask():
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,173 @@
+"""MERL `.binary`: 90 x 90 x 180 cells in (theta_h, theta_d, phi_d), three channels of float64, 35 MB.
+
+Cell j of theta_h covers (j/90)^2 pi/2 to ((j+1)/90)^2 pi/2 (fine near the highlight); theta_d and phi_d are uniform
+over [0, pi/2] and [0, pi]; phi_d + pi is the same cell by reciprocity. Values belong to the middle of their cell, in
+the index, and are interpolated linearly between middles. Cells that were never measured hold -1: samples that fall
+into one are drawn again, and next to one the interpolation leaves it out. Other negative values are real: they are
+clamped to 0 and counted.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from . import Measurements, clamp_negative
+from ._io import material_name, replacing, require_file
+from .sampling import half_difference, rusinkiewicz_to_directions, sample_pairs
+
+_SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d; the last varies fastest
+_SCALE = np.array([1.0, 1.15, 1.66]) / 1500  # exposure of the camera's channels, from MERL's own reading code
+_SIZE = 12 + 3 * 8 * 90 * 90 * 180
+_INVALID = -1.0
+
+
+def read(path, *, n_samples=100_000, seed=0):
+    """Draw samples of the measured material in `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``<material>.binary``.
+    n_samples, seed : int
+        As for `mi_enhance.data.load`.
+
+    Returns
+    -------
+    Measurements
+
+    Raises
+    ------
+    ValueError
+        If the file has another length or other dimensions, or holds NaN.
+
+    References
+    ----------
+    Matusik, Pfister, Brand, McMillan, "A Data-Driven Reflectance Model", 2003.
+
+    Examples
+    --------
+    >>> read("gold-metallic-paint.binary").name  # doctest: +SKIP
+    'gold-metallic-paint'
+    """
+    table = read_table(path)
+
+    def measured(wi, wo):
+        cell = tuple(np.floor(u + 0.5).astype(np.int64) for u in _coordinates(wi, wo))
+        return ~np.isnan(table[cell[0], cell[1], cell[2] % _SHAPE[2], 0])
+
+    wi, wo = sample_pairs(n_samples, seed=seed, accept=measured)
+    f, clamped_fraction = clamp_negative(lookup(table, wi, wo))
+    return Measurements(wi, wo, f, material_name(path), f"MERL file {path}", clamped_fraction)
+
+
+def read_table(path):
+    """The whole table.
+
+    Returns
+    -------
+    array (90, 90, 180, 3), float32
+        f_r in 1/sr, linear RGB, over theta_h, theta_d, phi_d; NaN in cells without a measurement.
+    """
+    where = f'data.load("{path}")'
+    path = require_file(path, where)
+    size = os.path.getsize(path)
+    if size < 12:
+        raise ValueError(
+            f"{where}: {size} bytes are too few for a MERL file ({_SIZE} are expected). Download it again."
+        )
+    dims = tuple(np.fromfile(path, "<i4", 3).tolist())
+    if dims != _SHAPE:
+        raise ValueError(
+            f"{where}: the header says {dims}, a MERL file has {_SHAPE}. The file is damaged or another "
+            "format (360 instead of 180: a table without reciprocity, which is not supported)."
+        )
+    if size != _SIZE:
+        raise ValueError(
+            f"{where}: {size} bytes, a MERL file has {_SIZE}. It is cut off or damaged; download it again."
+        )
+    raw = np.fromfile(path, "<f8", offset=12).reshape(3, *_SHAPE)
+    invalid = (raw <= _INVALID).any(0)  # a marked cell; real negatives of dark materials are far smaller
+    with np.errstate(over="ignore", invalid="ignore"):
+        table = np.moveaxis(raw * _SCALE[:, None, None, None], 0, -1).astype(np.float32, order="C")
+    bad = ~np.isfinite(table).all(-1)
+    if bad.any():
+        cell = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise ValueError(
+            f"{where}: cell {cell} (theta_h, theta_d, phi_d) holds NaN, infinity or an absurd value, and "
+            f"so do {int(bad.sum()) - 1} more. The file is damaged; download it again."
+        )
+    table[invalid] = np.nan
+    return table
+
+
+def lookup(table, wi, wo):
+    """Interpolate a table of `read_table`.
+
+    Parameters
+    ----------
+    table : array (90, 90, 180, 3)
+    wi, wo : array (N, 3)
+        Unit vectors; by reciprocity the order does not matter.
+
+    Returns
+    -------
+    array (N, 3), float32
+        f_r in 1/sr; NaN where none of the eight cells around holds a measurement.
+    """
+    u = _coordinates(wi, wo)
+    low = [np.floor(x) for x in u]
+    inside = [x - i for x, i in zip(u, low, strict=True)]
+    total, weights = np.zeros((len(u[0]), 3)), np.zeros((len(u[0]), 1))
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.prod([t if c else 1 - t for t, c in zip(inside, corner, strict=True)], axis=0)[:, None]
+        index = [(i + c).astype(np.int64) for i, c in zip(low, corner, strict=True)]
+        # beyond the last theta the weight is 0; phi_d closes on itself
+        value = table[np.minimum(index[0], 89), np.minimum(index[1], 89), index[2] % _SHAPE[2]]
+        there = ~np.isnan(value[:, :1])
+        total += np.where(there, weight * value, 0)
+        weights += np.where(there, weight, 0)
+    with np.errstate(invalid="ignore"):  # 0 / 0 where nothing was measured: NaN, as documented
+        return (total / weights).astype(np.float32)
+
+
+def write_merl(path, f):
+    """Tabulate a reflectance function into a MERL file; what reads MERL then reads this material.
+
+    Parameters
+    ----------
+    path : str or Path
+    f : callable
+        ``f(wi, wo) -> array (N, 3)``, f_r in 1/sr. Isotropic and reciprocal, or the table cannot hold it. Called
+        for the middles of the cells, where both directions are above the horizon; all others are marked -1.
+
+    Examples
+    --------
+    >>> write_merl("grey.binary", lambda wi, wo: np.full((len(wi), 3), 0.2 / np.pi))  # doctest: +SKIP
+    """
+    raw = np.full((3, *_SHAPE), _INVALID)
+    middles_d, middles_phi = (np.arange(90) + 0.5) / 90 * np.pi / 2, (np.arange(180) + 0.5) / 180 * np.pi
+    theta_d, phi_d = np.meshgrid(middles_d, middles_phi, indexing="ij")
+    for j in range(_SHAPE[0]):
+        wi, wo = rusinkiewicz_to_directions(((j + 0.5) / 90) ** 2 * np.pi / 2, 0.0, theta_d, phi_d)
+        above = (wi[..., 2] > 0) & (wo[..., 2] > 0)
+        values = np.asarray(f(wi[above], wo[above]), np.float64)
+        if values.shape != (above.sum(), 3) or not np.isfinite(values).all():
+            raise ValueError(
+                f"write_merl(): f returned shape {values.shape} or values that are not finite for "
+                f"{above.sum()} pairs; it must return finite (N, 3)."
+            )
+        raw[:, j, above] = (values / _SCALE).T
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.array(_SHAPE, "<i4").tofile(file)
+        raw.astype("<f8").tofile(file)
+
+
+def _coordinates(wi, wo):
+    """Index of each pair, as real numbers that are whole in the middle of a cell."""
+    theta_h, _, d = half_difference(wi, wo)
+    theta_d = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2])
+    phi_d = np.mod(np.arctan2(d[:, 1], d[:, 0]), np.pi)
+    u, v = np.sqrt(theta_h / (np.pi / 2)) * 90 - 0.5, theta_d / (np.pi / 2) * 90 - 0.5
+    return np.clip(u, 0, 89), np.clip(v, 0, 89), phi_d / np.pi * 180 - 0.5

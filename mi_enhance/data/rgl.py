@@ -1,0 +1,172 @@
+"""RGL (EPFL) material files, RGB version, evaluated by Mitsuba's own `measured` plugin.
+
+Mitsuba maps the file and trusts it, so everything in it is checked first. Its `eval` is f cos_theta_o with `si.wi`
+the viewer and `wo` the light; the files are not quite reciprocal, so that order matters.
+"""
+
+from __future__ import annotations
+
+import json
+
+import mitsuba as mi
+import numpy as np
+
+from . import Measurements, clamp_negative, tensor_file
+from ._io import material_name, require_file
+from .sampling import sample_pairs
+
+# the fields `measured` reads: type and number of dimensions
+_FIELDS = {
+    "description": ("u1", 1),
+    "jacobian": ("u1", 1),
+    "phi_i": ("f4", 1),
+    "theta_i": ("f4", 1),
+    "ndf": ("f4", 2),
+    "sigma": ("f4", 2),
+    "vndf": ("f4", 4),
+    "luminance": ("f4", 4),
+    "rgb": ("f4", 5),
+}
+_MAX_VALUE = 1e12  # products of three such values stay finite in float32; sharp chrome reaches 2e4
+
+
+def read(path, *, n_samples=100_000, seed=0):
+    """Draw samples of the measured material in `path`.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``<material>_rgb.bsdf``.
+    n_samples, seed : int
+        As for `mi_enhance.data.load`.
+
+    Returns
+    -------
+    Measurements
+        Negative values (colours outside sRGB) are 0 and counted in `clamped_fraction`.
+
+    Raises
+    ------
+    RuntimeError
+        If the active variant is not ``llvm_ad_rgb`` or ``cuda_ad_rgb``.
+    ValueError
+        If the file is damaged, spectral, or not a measured material.
+
+    References
+    ----------
+    Dupuy and Jakob, "An Adaptive Parameterization for Efficient Material Acquisition and Rendering", 2018.
+
+    Examples
+    --------
+    >>> mi.set_variant("llvm_ad_rgb")
+    >>> read("data/rgl/aurora_white_rgb.bsdf", n_samples=10).name
+    'aurora_white'
+    """
+    wi, wo = sample_pairs(n_samples, seed=seed)
+    f, clamped_fraction = clamp_negative(evaluate(path, wi, wo))
+    return Measurements(wi, wo, f, material_name(path), f"RGL file {path}", clamped_fraction)
+
+
+def evaluate(path, wi, wo):
+    """Reflectance the file holds for given directions, negative values included.
+
+    Parameters
+    ----------
+    path : str or Path
+    wi, wo : array (N, 3)
+        Unit vectors towards the viewer and the light, above the horizon.
+
+    Returns
+    -------
+    array (N, 3), float32
+        f_r in 1/sr, linear sRGB.
+    """
+    where = f'data.load("{path}")'
+    path = require_file(path, where)
+    _check_file(path, where)
+    variant = mi.variant()
+    if variant is None or not variant.startswith(("llvm", "cuda")) or not variant.endswith("_rgb"):
+        raise RuntimeError(
+            f"{where}: an RGL file is evaluated by Mitsuba in a variant llvm_ad_rgb or cuda_ad_rgb; active "
+            f'is {variant}. Call mi.set_variant("llvm_ad_rgb") first.'
+        )
+    try:
+        bsdf = mi.load_dict({"type": "measured", "filename": str(path.resolve())})
+    except RuntimeError as error:
+        raise ValueError(f"{where}: Mitsuba refuses this file: {error}") from error
+    wi, wo = (np.ascontiguousarray(np.asarray(w, np.float32).T) for w in (wi, wo))
+    si = mi.SurfaceInteraction3f()
+    si.wi = mi.Vector3f(wi)
+    f = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo))) / wo[2]
+    if not np.isfinite(f).all():
+        raise ValueError(
+            f"{where}: evaluates to NaN or infinity for some directions. The file is damaged; download it again."
+        )
+    return f.T
+
+
+def _check_file(path, where):
+    """Raise unless the file is a complete, finite RGB material that Mitsuba can be trusted with."""
+    fields = tensor_file.fields(path, where)
+    if "spectra" in fields and "rgb" not in fields:
+        wanted = path.stem.removesuffix("_spec") + "_rgb.bsdf"
+        raise ValueError(
+            f"{where}: holds spectra; this package fits linear RGB. Download the RGB version of the "
+            f'material, "{wanted}", from the RGL material database.'
+        )
+    missing = sorted(set(_FIELDS) - set(fields))
+    if missing and _is_own_material(path, fields):
+        raise ValueError(
+            f"{where}: is a material of mi_enhance, not a measurement: it has no {', '.join(missing[:3])}, ... "
+            'Render it with <bsdf type="enhanced">; to fit, give the measured file.'
+        )
+    if missing:
+        raise ValueError(
+            f"{where}: a tensor file, but not a measured RGL material: {', '.join(missing)} missing, "
+            f"it holds {', '.join(sorted(fields)[:12])}."
+        )
+
+    def refuse(what):
+        raise ValueError(f"{where}: {what}. The file is damaged; download it again.")
+
+    for name, (dtype, n_dim) in _FIELDS.items():
+        if fields[name].dtype != np.dtype(dtype) or len(fields[name].shape) != n_dim or 0 in fields[name].shape:
+            refuse(
+                f"field {name!r} is {fields[name].dtype} with shape {fields[name].shape}, {n_dim} dimensions of "
+                f"{np.dtype(dtype)} are expected"
+            )
+    n = (*fields["phi_i"].shape, *fields["theta_i"].shape)
+    res = fields["luminance"].shape[2:]
+    shapes = {
+        "jacobian": (1,),
+        "vndf": (*n, *fields["vndf"].shape[2:]),
+        "luminance": (*n, res[0], res[0]),
+        "rgb": (*n, 3, *res),
+    }
+    for name, shape in shapes.items():
+        if fields[name].shape != shape:
+            refuse(f"field {name!r} has shape {fields[name].shape}, the other fields ask for {shape}")
+    if min(*res, *fields["vndf"].shape[2:], *fields["ndf"].shape, *fields["sigma"].shape) < 2:
+        refuse("a table has only one row or column, nothing can be interpolated")
+    data = {name: tensor_file.values(path, fields[name]) for name in _FIELDS}
+    for name, (dtype, _) in _FIELDS.items():
+        if dtype == "f4" and not (np.abs(data[name]) <= _MAX_VALUE).all():  # false for NaN, too
+            refuse(f"field {name!r} holds NaN, infinite or absurd values")
+    for name, highest in (("theta_i", np.pi / 2), ("phi_i", np.pi)):
+        a = data[name]
+        if (np.diff(a) <= 0).any() or a[0] < -np.pi - 1e-3 or a[-1] > highest + 1e-3:
+            refuse(f"{name} does not increase within its range")
+    # Mitsuba inverts running sums of these two: without weight, or with negative weight, the indices become garbage
+    if data["vndf"].min() < 0 or min(data[k].sum((-1, -2)).min() for k in ("vndf", "luminance")) <= 0:
+        refuse("vndf or luminance is not a density")
+
+
+def _is_own_material(path, fields):
+    """Materials of this package keep a JSON object in the field `description`; RGL keeps a plain sentence there."""
+    if "description" not in fields or fields["description"].dtype != np.uint8:
+        return False
+    try:
+        text = tensor_file.values(path, fields["description"]).tobytes()
+        return isinstance(json.loads(text), dict)
+    except (ValueError, RecursionError):  # not JSON, not UTF-8, or nested to break the parser
+        return False
