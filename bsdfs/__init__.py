@@ -1,7 +1,8 @@
 """The Mitsuba plugins of mi_enhance, installed as ``mi_enhance.bsdfs``.
 
-A plugin written in Python is registered for one variant, and its class is only valid in the variant in which it was
-created. So the plugin file is loaded anew whenever the variant changes, as Mitsuba does with its own Python integrators.
+A plugin written in Python is registered for one variant, and its class is only valid in the variant that was active
+when it was created. So the plugin file is loaded anew whenever the variant changes, as Mitsuba does with its own
+Python integrators.
 """
 
 from __future__ import annotations

@@ -18,7 +18,8 @@ def _find(installed: str, checkout: str, name: str, what: str) -> Path:
     if not path.is_file():
         found = ", ".join(sorted(p.name for p in folder.glob("*") if p.suffix in (".xml", ".bsdf"))) or "none"
         raise FileNotFoundError(
-            f'{what}: "{name}" does not come with mi_enhance. Choose one of: {found}. For a file of your own give its path.'
+            f'{what}: "{name}" does not come with mi_enhance. Choose one of: {found}. '
+            "For a file of your own give its path."
         )
     return path
 
@@ -65,3 +66,19 @@ def demo_data(name: str) -> Path:
     'satin_rosaline_rgb.bsdf'
     """
     return _find("demo_data", "data/rgl", name, "demo_data()")
+
+
+def network_file(name: str) -> Path:
+    """Return the path of a trained network that comes with the package.
+
+    Parameters
+    ----------
+    name : str
+        Name of the network, for example ``"ggx"``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such network; the message lists those there are.
+    """
+    return _find("networks", "mi_enhance/networks", f"{name}.bsdf", "network_file()")

@@ -70,17 +70,17 @@ def prepare() -> Found:
         If ``DRJIT_LIBLLVM_PATH`` names a library that cannot work, or if there is neither a usable LLVM nor a GPU.
     """
     early = "drjit" in sys.modules
-    chosen = Found("", None, "Dr.Jit's own choice, loaded before mi_enhance") if early else _choose()
+    chosen = Found("", None, "loaded before mi_enhance") if early else _choose()
     if not early and chosen.path:
         os.environ[VARIABLE] = chosen.path
 
     import drjit as dr  # only now: this is the moment in which libLLVM is loaded
 
-    version = dr.detail.llvm_version()
+    version = dr.detail.llvm_version()  # (-1, -1, -1) if there is none
     if version[0] >= OLDEST:
         return chosen._replace(version=version)
 
-    sentence = _problem(version, early, chosen)
+    sentence = _too_early(version) if early else _unusable(version, chosen)
     if not any(dr.has_backend(b) for b in (dr.JitBackend.CUDA, dr.JitBackend.Metal)):
         raise ImportError(sentence)
     if version[0] > 0:
@@ -159,27 +159,26 @@ def _version(path: str) -> tuple[int, ...] | None:
     return tuple(int(n) for n in answer.stdout.split()) if answer.returncode == 0 else None
 
 
-def _problem(version: tuple[int, ...], early: bool, chosen: Found) -> str:
-    """Say in one sentence what is wrong and which command helps."""
-    install = install_command()
+def _too_early(version: tuple[int, ...]) -> str:
+    """Say that Dr.Jit was loaded before us, with an LLVM that cannot work, and how to get the right one."""
+    better = _choose()  # raises if the user's own setting is the cause
+    loaded = f"LLVM {version[0]}, which ends the process at the first minimum" if version[0] > 0 else "no LLVM"
+    remedy = f"or set {VARIABLE}={better.path}" if better.path else f"after: {install_command()}"
+    return (
+        f"mi_enhance: mitsuba or drjit was imported first and loaded {loaded} (Dr.Jit needs {OLDEST} or newer). "
+        f"Start Python again and import mi_enhance before them, {remedy}."
+    )
+
+
+def _unusable(version: tuple[int, ...], chosen: Found) -> str:
+    """Say that there is no LLVM, or that the chosen one could not be loaded, and which command helps."""
     if chosen.path:
         return (
             f'mi_enhance: Dr.Jit could not load "{chosen.path}" ({chosen.origin}); its own message is above. '
-            f"Set {VARIABLE} to another libLLVM of version {OLDEST} or newer, or run: {install}."
-        )
-    if early and version[0] > 0:
-        return (
-            f"mi_enhance: mitsuba or drjit was imported first and loaded LLVM {version[0]}, which ends the process at "
-            f"the first kernel that needs a minimum ({OLDEST} or newer works). Import mi_enhance before them, "
-            f"or set {VARIABLE}; if no newer LLVM is installed: {install}."
-        )
-    if early:
-        return (
-            "mi_enhance: mitsuba or drjit was imported first and found no usable LLVM. Import mi_enhance before them, "
-            f"or set {VARIABLE}; if no LLVM {OLDEST} or newer is installed: {install}."
+            f"Set {VARIABLE} to another libLLVM of version {OLDEST} or newer, or run: {install_command()}."
         )
     had = f"only LLVM {version[0]}, which ends the process at the first minimum" if version[0] > 0 else "none"
-    return f"mi_enhance: Dr.Jit needs LLVM {OLDEST} or newer and found {had}. Run: {install}."
+    return f"mi_enhance: Dr.Jit needs LLVM {OLDEST} or newer and found {had}. Run: {install_command()}."
 
 
 def install_command() -> str:

@@ -1,0 +1,165 @@
+"""The command line: what each subcommand takes, and what a user sees when something is wrong.
+
+What the subcommands do is in `commands.py`; nothing heavy is imported before one is chosen. Scripts depend on the names
+and options here and on the JSON that ``--json`` prints last on stdout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from . import __version__, _llvm
+
+_OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one subcommand.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        The arguments; those of the process if left out.
+
+    Returns
+    -------
+    int
+        Exit status: 0 done, 1 doctor found that rendering does not work, 2 an error, 130 interrupted.
+
+    Examples
+    --------
+    >>> main(["show", "gold.bsdf"])  # doctest: +SKIP
+    0
+    """
+    args = _parser().parse_args(argv)
+    try:
+        if _llvm.problem and args.command != "doctor":
+            raise ImportError(_llvm.problem)
+        from . import commands
+
+        result = getattr(commands, args.command)(args)
+    except KeyboardInterrupt:
+        print("mi-enhance: interrupted", file=sys.stderr)
+        return 130
+    except _OUR_ERRORS as error:
+        if args.traceback:
+            raise
+        print(f"mi-enhance: {_one_line(error)}", file=sys.stderr)
+        return 2
+    if args.json:
+        print(json.dumps(result))
+    return 1 if args.command == "doctor" and not result["rendering_works"] else 0
+
+
+def _one_line(error: BaseException) -> str:
+    """Return the sentence of an error: Mitsuba passes on a plugin's error with its whole traceback around it."""
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    lines = [line.strip() for line in text.splitlines() if line.strip()] or [repr(error)]
+    if "Traceback (most recent call last):" in text:
+        lines = [lines[-1].partition("Error: ")[2] or lines[-1]]
+    return " ".join(lines).removeprefix("mi_enhance: ")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="mi-enhance", description="Neural enhancement of analytical BRDFs for Mitsuba 3."
+    )
+    parser.add_argument("--version", action="version", version=f"mi-enhance {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--json", action="store_true", help="print one JSON object last on stdout")
+    common.add_argument("--traceback", action="store_true", help="show where in the code an error arose")
+    device = argparse.ArgumentParser(add_help=False)
+    device.add_argument("--variant", help="Mitsuba variant (default: cuda_ad_rgb if a GPU works, else llvm_ad_rgb)")
+    sampled = argparse.ArgumentParser(add_help=False)
+    sampled.add_argument(
+        "--samples", type=_positive, default=100_000, help="pairs of directions (default: %(default)s)"
+    )
+    sampled.add_argument("--seed", type=int, default=0, help="the same seed gives the same result (default: 0)")
+    one = argparse.ArgumentParser(add_help=False)
+    one.add_argument("data", metavar="DATA", help="MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz")
+    one.add_argument("--material", help="which material, in a file that holds several")
+    network = argparse.ArgumentParser(add_help=False)
+    network.add_argument(
+        "-m",
+        "--network",
+        default="ggx",
+        help="trained network: a .bsdf file or the name of a shipped one (default: ggx)",
+    )
+    method = argparse.ArgumentParser(add_help=False)
+    method.add_argument(
+        "--method",
+        choices=("lm", "rmsprop"),
+        default="lm",
+        help="Levenberg-Marquardt or the paper's recipe (default: lm)",
+    )
+
+    def add(name, text, *parents):
+        return commands.add_parser(name, help=text, description=text, parents=[*parents, common])
+
+    add("doctor", "tell what is installed and which variants work; exit 0 if rendering works")
+
+    p = add("demo", "fit a real measured material and render it beside ground truth and plain GGX", device)
+    p.add_argument("-o", "--output", metavar="DIR", default="out/demo", help="folder (default: %(default)s)")
+
+    p = add("fit", "fit a material to measurements", one, network, method, sampled, device)
+    p.add_argument("-o", "--output", metavar="MAT.bsdf", required=True)
+
+    p = add("render", "render a scene; the plugin `enhanced` is registered", device)
+    p.add_argument("scene", metavar="SCENE.xml")
+    p.add_argument("-o", "--output", metavar="OUT.exr", required=True, help=".exr, or .png tone-mapped to sRGB")
+    p.add_argument("--spp", type=_positive, help="samples per pixel (default: the scene's)")
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument(
+        "-D", dest="define", type=_pair, action="append", default=[], metavar="KEY=VALUE", help="parameter of the scene"
+    )
+
+    p = add("show", "print a material", device)
+    p.add_argument("file", metavar="MAT.bsdf")
+    p.add_argument(
+        "--set", dest="edits", type=_edit, action="append", default=[], metavar="NAME=V[,V,V]", help="edit a parameter"
+    )
+    p.add_argument("-o", "--output", metavar="NEW.bsdf", help="write the edited material")
+
+    p = add("convert", "write measurements of any readable kind as a table", one, sampled, device)
+    p.add_argument("-o", "--output", metavar="TABLE", required=True, help=".csv or .npz")
+
+    p = add("train", "train the networks of an enhanced model on many materials", device)
+    p.add_argument("data", metavar="DATA", nargs="+", help="files of measurements; all materials in a collection count")
+    p.add_argument("-o", "--output", metavar="NETWORK.bsdf", required=True)
+    p.add_argument("--steps", type=_positive, default=5000, help="optimisation steps (default: %(default)s)")
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--resume", metavar="CHECKPOINT", help="go on from here")
+
+    p = add(
+        "compare", "SSIM, Delta E_ITP and log-L1 of several models on the same data", network, method, sampled, device
+    )
+    p.add_argument("data", metavar="DATA", nargs="+")
+    p.add_argument("-o", "--output", metavar="DIR", default="out/compare", help="folder (default: %(default)s)")
+    return parser
+
+
+def _positive(text: str) -> int:
+    value = int(float(text)) if "e" in text.lower() else int(text)  # 1e5 is what the paper calls it
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
+    return value
+
+
+def _pair(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not (key and equals):
+        raise argparse.ArgumentTypeError(f'"{text}" is not KEY=VALUE')
+    return key, value
+
+
+def _edit(text: str) -> tuple[str, float | tuple[float, ...]]:
+    name, value = _pair(text)
+    try:
+        numbers = tuple(float(v) for v in value.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'"{text}": the values must be numbers, as in rho_d=0.2,0.1,0.0') from None
+    return name, numbers if len(numbers) > 1 else numbers[0]

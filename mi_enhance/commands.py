@@ -1,0 +1,153 @@
+"""What the subcommands of ``mi-enhance`` do: each takes the parsed arguments, prints text and returns its JSON."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+_IMAGES = (".exr", ".png", ".jpg", ".hdr", ".pfm")
+
+
+def doctor(args: argparse.Namespace) -> dict:
+    from .doctor import examine, show
+
+    report = examine()
+    if not args.json:
+        show(report)
+    return report
+
+
+def demo(args: argparse.Namespace) -> dict:
+    _set_variant(args.variant)
+    from .demo import demo
+
+    return demo(args.output)
+
+
+def fit(args: argparse.Namespace) -> dict:
+    output = _output(args.output, (".bsdf",))
+    _set_variant(args.variant)
+    from .fit import fit
+
+    material = fit(_network(args.network), _measurements(args), method=args.method, seed=args.seed)
+    material.save(output)
+    print(f"{material.show()}\n{output}")
+    return {**material.report, "output": str(output)}
+
+
+def render(args: argparse.Namespace) -> dict:
+    output = _output(args.output, _IMAGES)
+    mi = _set_variant(args.variant)
+    from .data._io import replacing, require_file
+
+    scene = mi.load_file(str(require_file(args.scene, f'render "{args.scene}"')), **dict(args.define))
+    spp = args.spp or scene.sensors()[0].sampler().sample_count()
+    start = time.perf_counter()
+    bitmap = mi.Bitmap(mi.render(scene, spp=spp, seed=args.seed))  # the copy waits for the kernels
+    seconds = time.perf_counter() - start
+    with replacing(output) as temporary:
+        mi.util.write_bitmap(temporary, bitmap, write_async=False)
+    width, height = bitmap.size()
+    rate = width * height * spp / seconds / 1e6
+    print(f"{output}: {width} x {height}, {spp} spp, {seconds:.2f} s, {rate:.2f} Mpaths/s (compilation included)")
+    return {
+        "output": str(output),
+        "width": int(width),
+        "height": int(height),
+        "spp": spp,
+        "seconds": seconds,
+        "mpaths_per_s": rate,
+        "variant": mi.variant(),
+    }
+
+
+def show(args: argparse.Namespace) -> dict:
+    output = _output(args.output, (".bsdf",)) if args.output else None
+    _set_variant(args.variant)
+    from .material import Material
+
+    material = Material.load(args.file)
+    if args.edits:
+        material = material.edit(**dict(args.edits))
+    if output:
+        material.save(output)
+    text = material.show()
+    print(text)
+    return {"text": text, "output": str(output) if output else None}
+
+
+def convert(args: argparse.Namespace) -> dict:
+    output = _output(args.output, (".csv", ".npz"))
+    _set_variant(args.variant)
+    from .data import save_table
+
+    measurements = _measurements(args)
+    save_table(measurements, output)
+    print(f"{output}: {len(measurements.f)} samples of {measurements.name}")
+    return {
+        "output": str(output),
+        "name": measurements.name,
+        "n_samples": len(measurements.f),
+        "clamped_fraction": measurements.clamped_fraction,
+    }
+
+
+def train(args: argparse.Namespace) -> dict:
+    output = _output(args.output, (".bsdf",))
+    _set_variant(args.variant)
+    from .train import train
+
+    material = train(args.data, steps=args.steps, seed=args.seed, resume=args.resume)
+    material.save(output)
+    print(f"{material.show()}\n{output}")
+    return {**material.report, "output": str(output)}
+
+
+def compare(args: argparse.Namespace) -> dict:
+    _set_variant(args.variant)
+    from .compare import compare
+
+    return compare(
+        args.data,
+        args.output,
+        network=_network(args.network),
+        method=args.method,
+        n_samples=args.samples,
+        seed=args.seed,
+    )
+
+
+def _set_variant(name: str | None):
+    """Activate the variant asked for, else the first one that works here, and return Mitsuba."""
+    import mitsuba as mi
+
+    if name is None:
+        mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")
+    elif name in mi.variants():
+        mi.set_variant(name)
+    else:
+        raise ValueError(f'--variant: "{name}" is not a variant. Choose one of: {", ".join(mi.variants())}.')
+    return mi
+
+
+def _output(name: str, suffixes: tuple[str, ...]) -> Path:
+    """Check where the result goes before any work is done for it, and make its folder."""
+    path = Path(name)
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f'-o: "{name}" must end in {" or ".join(suffixes)}.')
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _measurements(args: argparse.Namespace):
+    from . import data
+
+    return data.load(args.data, n_samples=args.samples, seed=args.seed, material=args.material)
+
+
+def _network(name: str):
+    from ._files import network_file
+    from .material import Material
+
+    return Material.load(name if name.endswith(".bsdf") else network_file(name))
