@@ -34,9 +34,9 @@ def examine() -> dict:
     True
     """
     with ThreadPoolExecutor(2) as pool:
-        variants = dict(zip(VARIANTS, pool.map(lambda v: _in_child(v, "diffuse"), VARIANTS), strict=True))
+        variants = dict(zip(VARIANTS, pool.map(lambda v: _try_in_child(v, "diffuse"), VARIANTS), strict=True))
     best = "cuda_ad_rgb" if variants["cuda_ad_rgb"] == "works" else "llvm_ad_rgb"
-    enhanced = _in_child(best, "enhanced")
+    enhanced = _try_in_child(best, "enhanced")
     found = _llvm.found or _llvm.Found("", None, "none")
     return {
         "versions": {
@@ -112,11 +112,14 @@ def try_variant(variant: str, bsdf: str) -> None:
         raise RuntimeError(f'doctor: variant "{variant}" rendered a wrong image (values not finite, or black).')
 
 
-def _in_child(variant: str, bsdf: str) -> str:
-    """Return "works", or one line that says what happened."""
+def _try_in_child(variant: str, bsdf: str) -> str:
     if _llvm.problem:
         return "not tried"
-    code = f"from mi_enhance.doctor import try_variant; try_variant({variant!r}, {bsdf!r})"
+    return _in_child(f"from mi_enhance.doctor import try_variant; try_variant({variant!r}, {bsdf!r})")
+
+
+def _in_child(code: str) -> str:
+    """Run Python code in a process of its own and return "works", or one line that says what happened."""
     try:
         child = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, timeout=_TIME_LIMIT, check=False

@@ -1,0 +1,40 @@
+"""Variants for the tests: the fixture a test names is the backend it runs on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
+
+import drjit as dr  # isort: skip
+import mitsuba as mi  # isort: skip
+import pytest
+
+
+@pytest.fixture
+def llvm():
+    """Activate ``llvm_ad_rgb``."""
+    mi.set_variant("llvm_ad_rgb")
+
+
+@pytest.fixture
+def cuda():
+    """Activate ``cuda_ad_rgb`` where there is a GPU."""
+    if not dr.has_backend(dr.JitBackend.CUDA):
+        pytest.skip("no NVIDIA GPU with a working driver on this machine")
+    mi.set_variant("cuda_ad_rgb")
+
+
+@pytest.fixture
+def run_child():
+    """Return a function that runs Python code in a fresh process without our LLVM setting."""
+
+    def run(code: str, **environment: str) -> subprocess.CompletedProcess:
+        clean = {k: v for k, v in os.environ.items() if k != "DRJIT_LIBLLVM_PATH"}
+        return subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, env={**clean, **environment}
+        )
+
+    return run

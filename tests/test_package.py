@@ -1,0 +1,84 @@
+"""What ``import mi_enhance`` gives: names, the plugin in every variant, and nothing that is not needed."""
+
+from __future__ import annotations
+
+import importlib
+
+import mitsuba as mi
+import pytest
+
+import mi_enhance
+from mi_enhance import _files
+
+
+@pytest.mark.parametrize("name", ["enhance", "fit", "train", "compare"])
+def test_function_is_not_hidden_by_the_module_of_its_name(name):
+    module = importlib.import_module(f"mi_enhance.{name}")  # stores the module in the package, if nothing prevents it
+    assert getattr(mi_enhance, name) is getattr(module, name)
+    assert callable(getattr(mi_enhance, name))
+
+
+def test_unknown_name_lists_the_public_ones():
+    with pytest.raises(AttributeError, match='mi_enhance has no "fitt". Public names: .*Material.*fit'):
+        mi_enhance.fitt  # noqa: B018
+
+
+@pytest.mark.parametrize("name", mi_enhance.__all__)
+def test_public_name_can_be_had(name):
+    assert name in dir(mi_enhance)
+    assert getattr(mi_enhance, name) is not None
+
+
+@pytest.mark.parametrize("order", ["mi_enhance first", "mitsuba first"])
+def test_plugin_follows_the_variant_whatever_the_order_of_import(run_child, order):
+    first = {
+        "mi_enhance first": "import mi_enhance; import mitsuba as mi",
+        "mitsuba first": "import mitsuba as mi; mi.set_variant('llvm_ad_mono'); import mi_enhance",
+    }[order]
+    code = f"""{first}
+material = {{"type": "enhanced", "filename": str(mi_enhance._files.network_file("ggx"))}}
+if mi.variant(): mi.load_dict(material)
+for variant in ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral", "llvm_ad_rgb"):
+    mi.set_variant(variant)
+    try:
+        print(variant, mi.load_dict(material).class_name())
+    except RuntimeError as error:
+        print(variant, str(error).splitlines()[-1])
+"""
+    library = mi_enhance._llvm.found.path
+    child = run_child("import mi_enhance._files; " * (order == "mi_enhance first") + code, DRJIT_LIBLLVM_PATH=library)
+    assert child.returncode == 0, child.stderr
+    lines = child.stdout.splitlines()
+    assert [line.split()[0] for line in lines] == ["llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral", "llvm_ad_rgb"]
+    assert [line.split()[1] for line in lines if line.startswith("llvm")] == ["Enhanced"] * 3
+    assert 'variant "scalar_rgb" cannot run the networks of "enhanced". Call mi.set_variant("llvm_ad_rgb")' in lines[1]
+
+
+def test_many_materials_load_in_parallel(llvm):
+    name = _files.network_file("ggx")
+    shapes = "".join(
+        f'<shape type="sphere"><bsdf type="enhanced"><string name="filename" value="{name}"/></bsdf></shape>'
+        for _ in range(20)
+    )
+    scene = mi.load_string(f'<scene version="3.0.0">{shapes}</scene>', parallel=True)
+    assert len({shape.bsdf() for shape in scene.shapes()}) == 20
+
+
+def test_rendering_a_material_loads_nothing_for_plots_metrics_or_progress(run_child):
+    child = run_child("""
+import sys
+import mi_enhance
+from mi_enhance.doctor import try_variant
+try_variant("llvm_ad_rgb", "enhanced")
+heavy = {"matplotlib", "skimage", "colour", "rich", "tqdm", "OpenEXR", "scipy"}
+print(sorted(heavy & {name.partition(".")[0] for name in sys.modules}))
+""")
+    assert (child.returncode, child.stdout.strip()) == (0, "[]"), child.stderr
+
+
+@pytest.mark.parametrize("find", [_files.scene_file, _files.demo_data, _files.network_file])
+def test_missing_bundled_file_lists_those_there_are(find):
+    with pytest.raises(
+        FileNotFoundError, match=r'"gold\S*" does not come with mi_enhance. Choose one of: .+\.(xml|bsdf)'
+    ):
+        find("gold")
