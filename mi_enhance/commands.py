@@ -46,6 +46,7 @@ def render(args: argparse.Namespace) -> dict:
     start = time.perf_counter()
     bitmap = mi.Bitmap(mi.render(scene, spp=spp, seed=args.seed))  # the copy waits for the kernels
     seconds = time.perf_counter() - start
+    spp = scene.sensors()[0].sampler().sample_count()  # what was traced: some samplers round up
     with replacing(output) as temporary:
         mi.util.write_bitmap(temporary, bitmap, write_async=False)
     width, height = bitmap.size()
@@ -106,16 +107,23 @@ def train(args: argparse.Namespace) -> dict:
 
 def compare(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
-    from .compare import compare
+    from .compare import compare_files, default_models
+    from .table import print_table
 
-    return compare(
+    result = compare_files(
         args.data,
-        args.output,
-        network=_network(args.network),
+        out_dir=args.output,
+        models=default_models(_network(args.network)),
         method=args.method,
         n_samples=args.samples,
         seed=args.seed,
+        scene=args.scene,
+        resolution=args.resolution,
+        spp=args.spp,
+        log=print,
     )
+    print_table(result["rows"] + result["mean"])
+    return result
 
 
 def _set_variant(name: str | None):
