@@ -1,0 +1,101 @@
+"""Load a scene file of this package with any BSDF in the place of its material: one description for all models.
+
+The scenes in ``scenes/`` name an enhanced material by its file. To render the ground truth or another model in the very
+same scene, the parsed XML gets a ready BSDF instead of the node with ``id="material"``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mitsuba as mi
+
+from ._files import scene_file
+
+
+def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
+    """Load a scene and put `bsdf` in the place of its material.
+
+    Parameters
+    ----------
+    scene : str or Path
+        A bundled scene (``"shader_ball"``, ``"sphere_envmap"``) or the path of an ``.xml`` file with a BSDF of
+        ``id="material"`` and the parameters below; its parameter ``$material``, if any, stays unused.
+    bsdf : dict or mi.BSDF
+        What to render with, a dictionary for ``mi.load_dict`` or a ready instance.
+    resolution, spp, max_depth : int
+        Width and height in pixels, samples per pixel, longest path (1: only emitters are seen).
+
+    Returns
+    -------
+    mi.Scene
+
+    Raises
+    ------
+    RuntimeError
+        If no variant is active.
+    FileNotFoundError
+        If there is no such scene.
+    ValueError
+        If a number is not a positive integer, or the scene has no BSDF with ``id="material"``.
+
+    Examples
+    --------
+    >>> mi.set_variant("llvm_ad_rgb")
+    >>> ball = load("sphere_envmap", {"type": "roughconductor", "alpha": 0.2}, resolution=16, spp=4)
+    >>> mi.render(ball).shape
+    (16, 16, 3)
+    """
+    where = f'scene.load("{scene}")'
+    if mi.variant() is None:
+        raise RuntimeError(f'{where}: no Mitsuba variant is active. Call mi.set_variant("llvm_ad_rgb") first.')
+    numbers = {"resolution": resolution, "spp": spp, "max_depth": max_depth}
+    for name, value in numbers.items():
+        if not isinstance(value, int) or value < 1:
+            raise ValueError(f"{where}: {name} is {value!r}; it must be a positive integer.")
+    path = _path(scene, where)
+    bsdf = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
+
+    config = mi.parser.ParserConfig(mi.variant())
+    config.unused_parameters = mi.LogLevel.Debug  # a scene of one's own need not have $material
+    state = mi.parser.parse_file(config, str(path), material="", **{k: str(v) for k, v in numbers.items()})
+    if "material" not in state.id_to_index:
+        raise ValueError(f'{where}: no object has id="material". Give that id to the BSDF that is to be replaced.')
+    # The renaming and merging passes come first, because they would not know the ready object for a BSDF node.
+    mi.parser.transform_all(config, state)
+    index = state.id_to_index["material"]
+    for node in state.nodes:
+        for key, value in list(node.props.items()):
+            if isinstance(value, mi.Properties.ResolvedReference) and value.index() == index:
+                node.props[key] = bsdf
+
+    # Mitsuba's own load_file also looks for meshes and textures beside the scene, and only while loading.
+    before = mi.file_resolver()
+    resolver = mi.FileResolver(before)
+    resolver.prepend(str(path.parent))
+    mi.set_file_resolver(resolver)
+    try:
+        return mi.parser.instantiate(config, state)
+    finally:
+        mi.set_file_resolver(before)
+
+
+def shader_ball(bsdf, *, resolution=256, spp=64):
+    """Load the Standard Shader Ball with `bsdf` on it: short for ``load("shader_ball", ...)``.
+
+    Examples
+    --------
+    >>> shader_ball({"type": "diffuse"}, resolution=32).sensors()[0].film().size()[0]
+    32
+    """
+    return load("shader_ball", bsdf, resolution=resolution, spp=spp)
+
+
+def _path(scene, where):
+    if Path(scene).suffix != ".xml":
+        return scene_file(f"{scene}.xml")
+    if not Path(scene).is_file():
+        raise FileNotFoundError(
+            f"{where}: no such file. Give a path, or a bundled scene by name: shader_ball, sphere_envmap."
+        )
+    return Path(scene).resolve()
