@@ -3,8 +3,7 @@
 # make venv    .venv with everything, a usable LLVM included; choose the Python with  make venv PYTHON=python3.12
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
-.ONESHELL:
-.PHONY: venv demo test test-slow lint clean
+.PHONY: venv demo test test-slow lint
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -14,13 +13,14 @@ venv: $(STAMP)
 
 # The stamp is written last: an interrupted installation is repeated.
 $(STAMP): pyproject.toml
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || {
-	    echo "mi_enhance needs Python 3.10 or newer; $(PYTHON) is $$($(PYTHON) --version 2>&1). Run: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
-	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || {
-	    echo "$(PYTHON) cannot create virtual environments. Run: apt install python3-venv (or choose another one: make $(MAKECMDGOALS) PYTHON=...)" >&2; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
-	touch $@
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
+	    echo "mi_enhance needs Python 3.10 or newer, and $(PYTHON) is not. Run: make venv PYTHON=python3.12" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	    echo "$(PYTHON) cannot create virtual environments. Run: apt install python3-venv" >&2; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@echo "Installing mi_enhance and what it needs into .venv; this takes a minute or two."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	@touch $@
 
 demo: venv
 	$(BIN)/mi-enhance demo -o out/demo
@@ -34,6 +34,3 @@ test-slow: venv
 lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-
-clean:
-	rm -rf .venv out build dist *.egg-info

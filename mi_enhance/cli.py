@@ -134,11 +134,13 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--resume", metavar="CHECKPOINT", help="go on from here")
 
-    p = add(
-        "compare", "SSIM, Delta E_ITP and log-L1 of several models on the same data", network, method, sampled, device
-    )
-    p.add_argument("data", metavar="DATA", nargs="+")
+    text = "SSIM, Delta E_ITP and log-L1 of the enhanced and the analytic model, fitted to measured RGL files"
+    p = add("compare", text, network, method, sampled, device)
+    p.add_argument("data", metavar="DATA", nargs="+", help="RGL .bsdf")
     p.add_argument("-o", "--output", metavar="DIR", default="out/compare", help="folder (default: %(default)s)")
+    p.add_argument("--scene", default="shader_ball", help="bundled scene or .xml file (default: %(default)s)")
+    p.add_argument("--resolution", type=_positive, default=256, help="pixels on a side (default: %(default)s)")
+    p.add_argument("--spp", type=_positive, default=256, help="samples per pixel (default: %(default)s)")
     return parser
 
 
