@@ -67,10 +67,9 @@ class Measurements:
             for key in ("wi", "wo", "f"):
                 object.__setattr__(self, key, np.ascontiguousarray(getattr(self, key), dtype=np.float32))
         where = f'Measurements("{self.name}")'
-        for key in ("wi", "wo", "f"):
-            a = getattr(self, key)
-            if a.ndim != 2 or a.shape[1] != 3 or a.shape != self.f.shape:
-                raise ValueError(f"{where}: {key} has shape {a.shape}; wi, wo and f must all be (N, 3).")
+        shapes = self.wi.shape, self.wo.shape, self.f.shape
+        if len(set(shapes)) > 1 or self.f.ndim != 2 or self.f.shape[1] != 3:
+            raise ValueError(f"{where}: wi, wo and f have shapes {shapes}; all three must be (N, 3).")
         if len(self.f) == 0:
             raise ValueError(f"{where}: no sample at all; at least one is needed.")
         for key in ("wi", "wo", "f"):

@@ -27,7 +27,7 @@ _FIELDS = {
     "luminance": ("f4", 4),
     "rgb": ("f4", 5),
 }
-_MAX_VALUE = 1e12  # products of three such values stay finite in float32; sharp chrome reaches 2e4
+_MAX_VALUE = 1e9  # sharp chrome reaches 2e4; products of three such values stay finite in float32
 
 
 def read(path, *, n_samples=100_000, seed=0):
@@ -156,9 +156,12 @@ def _check_file(path, where):
         a = data[name]
         if (np.diff(a) <= 0).any() or a[0] < -np.pi - 1e-3 or a[-1] > highest + 1e-3:
             refuse(f"{name} does not increase within its range")
-    # Mitsuba inverts running sums of these two: without weight, or with negative weight, the indices become garbage
-    if data["vndf"].min() < 0 or min(data[k].sum((-1, -2)).min() for k in ("vndf", "luminance")) <= 0:
-        refuse("vndf or luminance is not a density")
+    # Mitsuba inverts running sums of these: without weight, or with negative weight, the indices become garbage.
+    # `luminance` only steers sampling and real files have -4e-10 in it.
+    if min(data[k].min() for k in ("ndf", "sigma", "vndf")) < 0:
+        refuse("ndf, sigma or vndf is negative")
+    if min(data[k].sum((-1, -2)).min() for k in ("vndf", "luminance")) <= 0:
+        refuse("vndf or luminance is 0 everywhere for one direction")
 
 
 def _is_own_material(path, fields):
