@@ -1,0 +1,142 @@
+"""The training set of a network: many materials, the same number of samples each, decoded once and kept on disk.
+
+What is decoded, and how many of each, is said by a list of sources (the ``data`` entry of a training configuration):
+
+====================  =====================================================================================
+``kind``              what it is
+====================  =====================================================================================
+``nps``               every material of an NPs file (MERL: 100 stand-ins for the measurements)
+``nps-mixtures``      `count` new materials: random mixtures of two latents of that file, channels permuted
+``nbrdf``             every material of an NBRDF file
+``synthetic``         `count` anisotropic GGX with rotated tangents and the paper's noise
+``file``              one measured file that :func:`mi_enhance.data.load` reads
+====================  =====================================================================================
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from . import Measurements, load, nbrdf, nps
+from ._io import replacing
+from .sampling import sample_pairs
+from .synthetic import ggx_anisotropic
+
+# A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.
+HELD_OUT_EVERY = 5
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """Samples of M materials, S each.
+
+    Parameters
+    ----------
+    names : list of M str
+    samples : array (9, M * S), float32
+        Rows wi (3), wo (3), f (3); the samples of a material are consecutive and in random order.
+    n_samples : int
+        S.
+    """
+
+    names: list[str]
+    samples: np.ndarray
+    n_samples: int
+
+    def material(self, k: int) -> Measurements:
+        """The samples of material `k`."""
+        part = self.samples[:, k * self.n_samples : (k + 1) * self.n_samples].T
+        return Measurements(part[:, :3], part[:, 3:6], part[:, 6:], self.names[k], "training set")
+
+
+def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progress: Callable = iter) -> TrainingSet:
+    """Decode all materials of `sources`, or read them from `cache` if that has been done before.
+
+    Parameters
+    ----------
+    sources : list of dict
+        See the table above. ``path`` is a file, ``count`` a number; ``held_out`` (nps, nps-mixtures) is ``"without"``
+        (leave every fifth material out), ``"only"`` (nothing else) or ``"all"`` (default).
+    n_samples : int
+        Samples per material.
+    seed : int
+        Of directions, mixtures and noise.
+    cache : Path
+        Folder for the decoded samples; the file name is a digest of everything that decides them.
+    progress : callable
+        Wraps the list of materials, e.g. ``tqdm``.
+
+    Returns
+    -------
+    TrainingSet
+
+    Raises
+    ------
+    ValueError
+        For an unknown ``kind``; the message lists the choices.
+    """
+    key = json.dumps([1, sources, n_samples, seed], sort_keys=True)
+    file = Path(cache) / f"training-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
+    if file.exists():
+        with np.load(file, allow_pickle=False) as stored:
+            return TrainingSet(stored["names"].tolist(), stored["samples"], n_samples)
+    jobs = [job for k, source in enumerate(sources) for job in _jobs(source, n_samples, seed + 1000 * k)]
+    samples = np.empty((9, len(jobs) * n_samples), np.float32)
+    names = []
+    for k, job in enumerate(progress(jobs)):
+        m = job()
+        names.append(m.name)
+        samples[:, k * n_samples : (k + 1) * n_samples] = np.concatenate([m.wi, m.wo, m.f], axis=1).T
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(file) as temporary:
+        np.savez(temporary, names=np.array(names), samples=samples)
+    return TrainingSet(names, samples, n_samples)
+
+
+def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
+    """One function per material of a source; each draws its own directions."""
+    kind = source.get("kind")
+    if kind == "nps":
+        names, latents, decoder = _nps(source)
+        return [lambda k=k: _decoded(decoder, latents[k], names[k], n, seed + k) for k in range(len(names))]
+    if kind == "nps-mixtures":
+        names, latents, decoder = _nps(source)
+        return [lambda k=k: _mixture(decoder, latents, n, seed + k) for k in range(source["count"])]
+    if kind == "nbrdf":
+        return [
+            lambda k=k: nbrdf.read(source["path"], k, n_samples=n, seed=seed + k)
+            for k in range(len(nbrdf.names(source["path"])))
+        ]
+    if kind == "synthetic":
+        return [lambda k=k: ggx_anisotropic(seed + k, n)[0] for k in range(source["count"])]
+    if kind == "file":
+        return [lambda: load(source["path"], n_samples=n, seed=seed, material=source.get("material"))]
+    raise ValueError(
+        f'training set: kind "{kind}" is unknown. Choose one of: nps, nps-mixtures, nbrdf, synthetic, file.'
+    )
+
+
+def _nps(source: dict):
+    names, latents = nps.read_latents(source["path"])
+    decoder = nps.read_decoder(Path(source["path"]).with_name("decoder.npz"))
+    held_out = np.arange(len(names)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    keep = {"all": held_out | True, "without": ~held_out, "only": held_out}[source.get("held_out", "all")]
+    return [n for n, k in zip(names, keep, strict=True) if k], latents[keep], decoder
+
+
+def _decoded(decoder: dict, latent: np.ndarray, name: str, n: int, seed: int, order=(0, 1, 2)) -> Measurements:
+    wi, wo = sample_pairs(n, seed=seed)
+    return Measurements(wi, wo, nps.decode(decoder, latent, wi, wo)[:, list(order)], name, "NPs")
+
+
+def _mixture(decoder: dict, latents: np.ndarray, n: int, seed: int) -> Measurements:
+    rng = np.random.default_rng(seed)
+    a, b = rng.choice(len(latents), 2, replace=False)
+    t = rng.random()
+    return _decoded(decoder, (1 - t) * latents[a] + t * latents[b], f"mixture_{seed}", n, seed, rng.permutation(3))

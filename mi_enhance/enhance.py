@@ -1,0 +1,290 @@
+"""A graph with some slots replaced by networks: the enhanced BRDF (paper, section 3)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import geometry, models, nn, parameters
+from .graph import Node
+from .models import Model
+
+INPUTS = ("symmetric", "directions")
+
+# The quantities that depend on the directions; a term that asks for none of them gets a network without directions.
+_DIRECTIONAL = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
+
+# Outputs of a network are logarithms of what they stand for, so every term stays positive and a product of terms is
+# a sum that is easy to learn. exp(+-30) = 1e+-13 times D = 1e7 is still far from the float32 limit of 3e38.
+_MAX_LOG = 30.0
+# Floor of an operand before its logarithm is taken: an analytic operand may be exactly 0 (rho_s = 0, F0 = 0).
+_MIN_OPERAND = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class EnhancedBRDF:
+    """An analytic model, some of whose slots are networks. Immutable; prints as its equation.
+
+    Parameters
+    ----------
+    model : Model
+        The analytic model.
+    networks : dict of str to MLP
+        Networks by slot; an empty one is the analytic model itself.
+    n_latent : int
+        Number of neural parameters per material.
+    inputs : {"symmetric", "directions"}
+        What the networks see of the directions: features of half vector and difference angle in the material's frame
+        (default), or the raw directions of the paper.
+    """
+
+    model: Model
+    networks: Mapping[str, nn.MLP]
+    n_latent: int = 27
+    inputs: str = "symmetric"
+
+    @property
+    def parameters(self) -> tuple[parameters.Parameter, ...]:
+        """The model's parameters, and ``latent`` if there is a network that reads it."""
+        extra = (parameters.latent(self.n_latent),) if any(m.n_folded for m in self.networks.values()) else ()
+        return (*self.model.parameters, *extra)
+
+    @property
+    def n_weights(self) -> int:
+        """Floats in all networks."""
+        return sum(m.n_weights for m in self.networks.values())
+
+    @property
+    def n_parameters(self) -> int:
+        """Floats per material."""
+        return parameters.count(self.parameters)
+
+    @property
+    def state(self) -> tuple[int, ...]:
+        """Enhancement state: one digit per slot, 1 where a network stands (section 4.1)."""
+        return tuple(int(slot in self.networks) for slot in self.model.graph.slots)
+
+    def __str__(self) -> str:
+        return str(self.model.graph.replace(dict.fromkeys(self.networks)))
+
+    def evaluators(self, kind: type = nn.Baked) -> dict:
+        """One evaluator per slot: ``nn.Baked`` or ``nn.Cooperative``."""
+        return {slot: kind(mlp) for slot, mlp in self.networks.items()}
+
+    def fold(self, params: Mapping, evaluators: Mapping) -> dict[str, list[mi.Float]]:
+        """What the networks need of the parameters: the bias of each first layer.
+
+        Parameters
+        ----------
+        params : dict
+            Parameter values as Dr.Jit arrays, 1 lane for a uniform material or N lanes; colours RGB.
+        evaluators : dict
+            From :meth:`evaluators`, or ``nn.Trainable``.
+
+        Returns
+        -------
+        dict of str to list of mi.Float
+        """
+        features = _parameter_features(params, self.inputs) if self.networks else []
+        return {
+            slot: evaluators[slot].fold(features if mlp.n_folded else []) for slot, mlp in self.networks.items()
+        }
+
+    def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
+        """Reflectance f_r.
+
+        Parameters
+        ----------
+        wi, wo : mi.Vector3f, N lanes
+            Directions towards viewer and light, surface frame.
+        params : dict
+            Parameter values by name, 1 or N lanes each; ``rho_d``, ``rho_s`` may be spectra if `folded` is given.
+        evaluators : dict, optional
+            Network evaluators; ``nn.Baked`` by default.
+        folded : dict, optional
+            Result of :meth:`fold`, if it is at hand.
+
+        Returns
+        -------
+        mi.Color3f or mi.Spectrum, N lanes
+            1/sr, without the cosine; 0 below the horizon.
+
+        Examples
+        --------
+        >>> brdf = enhance("ggx", replace=())
+        >>> p = {k: mi.Float(v) if len(v) == 1 else mi.Color3f(v) for k, v in parameters.initial(brdf.parameters).items()}
+        >>> f = brdf(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1), p)
+        """
+        frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+        local_i, local_o = frame.to_local(wi), frame.to_local(wo)
+        active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
+        # Inactive lanes run at normal incidence: no inf or NaN arises whose gradient would survive the mask.
+        up = mi.Vector3f(0, 0, 1)
+        local_i, local_o = dr.select(active, local_i, up), dr.select(active, local_o, up)
+        record = {**geometry.quantities(local_i, local_o), **params}
+        graph = self.model.graph
+        if self.networks:
+            evaluators = self.evaluators() if evaluators is None else evaluators
+            folded = self.fold(params, evaluators) if folded is None else folded
+            x = _directional_features(record) if self.inputs == "symmetric" else [*wi, *wo]
+            graph = graph.replace({slot: self._function(slot, x, evaluators[slot], folded[slot]) for slot in self.networks})
+        return graph(record) & active
+
+    def imitation_error(self, wi, wo, params: Mapping, evaluators: Mapping):
+        """Mean squared difference of the logarithms of each network and the term or operator it replaces.
+
+        Same arguments as :meth:`__call__`; the operands of an operator are those of the analytic model.
+        """
+        frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+        up = mi.Vector3f(0, 0, 1)
+        local_i, local_o = (dr.select(v.z > 0.01, v, up) for v in (frame.to_local(wi), frame.to_local(wo)))
+        record = {**geometry.quantities(local_i, local_o), **params}
+        folded = self.fold(params, evaluators)
+        x = _directional_features(record) if self.inputs == "symmetric" else [*wi, *wo]
+        # 1e-3: a Fresnel term or an albedo below it is dark; its logarithm need not be met
+        log = lambda v: dr.log(v + 1e-3)  # noqa: E731
+        error = 0
+        for slot in self.networks:
+            node = self.model.graph.find(slot)
+            function = self._function(slot, x, evaluators[slot], folded[slot])
+            value = function(*(a(record) for a in node.args)) if node.args else function(record)
+            error += dr.mean(dr.square(log(value) - log(node(record))), axis=None)
+        return error
+
+    def _function(self, slot: str, x: Sequence, evaluator, bias: Sequence):
+        """The callable that stands in for `slot`."""
+        if self.model.graph.find(slot).args:
+            return lambda a, b: _operator(evaluator, bias, a, b)
+        x = x if self.networks[slot].sizes[0] > self.networks[slot].n_folded else []
+
+        def term(record):
+            out = [_exp(y) for y in evaluator(x, bias)]
+            return out[0] if len(out) == 1 else mi.Color3f(*out)
+
+        return term
+
+
+def _exp(y):
+    return dr.exp(dr.clip(y, -_MAX_LOG, _MAX_LOG))
+
+
+def _operator(evaluator, bias, a, b):
+    """A network of the two operands' logarithms; colours go through it one channel after the other."""
+
+    def one(a, b):
+        (y,) = evaluator([dr.log(dr.maximum(v, _MIN_OPERAND)) for v in (a, b)], bias)
+        return _exp(y)
+
+    n = max(dr.size_v(a) if dr.depth_v(a) > 1 else 1, dr.size_v(b) if dr.depth_v(b) > 1 else 1)
+    if n == 1:
+        return one(a, b)
+    channel = lambda v, k: v[k] if dr.depth_v(v) > 1 else v  # noqa: E731
+    return (type(a) if dr.depth_v(a) > 1 else type(b))(*(one(channel(a, k), channel(b, k)) for k in range(n)))
+
+
+def _parameter_features(p: Mapping, inputs: str) -> list:
+    """The inputs that are constant over a material: 12 numbers from the analytic parameters, then the latent ones.
+
+    The paper's networks read the analytic parameters as they are. In the symmetric form the directions are given in the
+    material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
+    """
+    rho_d, rho_s = p["rho_d"], p["rho_s"]
+    if inputs == "directions":
+        analytic = [p["n_x"], p["n_y"], p["t_theta"], *rho_d, *rho_s, p["alpha_x"], p["alpha_y"], p["F0"]]
+    else:
+        log_x, log_y = dr.log(p["alpha_x"]) / 4, dr.log(p["alpha_y"]) / 4
+        # log1p keeps rho_s, which spans 0 to 10, in the range of the others; 1e-4: sqrt has a finite slope at F0 = 0
+        scaled = [dr.log(1 + c) for c in rho_s]
+        analytic = [log_x, log_y, dr.sqrt(p["F0"] + 1e-4), *rho_d, *scaled, p["alpha_x"], p["alpha_y"], p["F0"]]
+    return [*analytic, *p["latent"]]
+
+
+def _directional_features(q: Mapping) -> list:
+    """Six features of a pair of directions in the material's frame, symmetric in wi and wo: reciprocity for free.
+
+    For alpha_x = alpha_y none of them depends on the azimuth of h: such a material is exactly isotropic.
+    """
+    h, a_x, a_y = q["h"], q["alpha_x"], q["alpha_y"]
+    u, v = dr.square(h.x / a_x), dr.square(h.y / a_y)
+    product = q["cos_theta_i"] * q["cos_theta_o"]
+    return [
+        dr.square(h.x) + dr.square(h.y),  # sin^2 theta_h
+        dr.log(1 + u + v) / 5,  # theta_h relative to the width of the lobe; /5: alpha = 1e-3 gives 2.8
+        (u - v) / (1 + u + v) * (a_y - a_x) / (a_x + a_y),  # azimuth of h, vanishing with the anisotropy
+        q["cos_theta_d"],
+        product,
+        # 1e-4: log has a finite slope at the horizon
+        dr.log(product + 1e-4) / 5,
+    ]
+
+
+def enhance(
+    model: Model | str,
+    replace: Iterable[str] = ("F", "F*G", "G", "1/E"),
+    *,
+    n_latent: int = 27,
+    hidden: Sequence[int] = nn.HIDDEN,
+    inputs: str = "symmetric",
+    seed: int = 0,
+) -> EnhancedBRDF:
+    """Replace slots of an analytic model by networks with Xavier weights.
+
+    Parameters
+    ----------
+    model : Model or str
+        An analytic model or its name.
+    replace : iterable of str
+        Slots to replace; the default is the paper's final state.
+    n_latent : int
+        Neural parameters per material.
+    hidden : sequence of int
+        Hidden layer sizes.
+    inputs : {"symmetric", "directions"}
+        See :class:`EnhancedBRDF`.
+    seed : int
+        Of the initial weights.
+
+    Returns
+    -------
+    EnhancedBRDF
+
+    Raises
+    ------
+    KeyError
+        If `replace` names a slot the model does not have; the message lists the slots.
+    ValueError
+        For unknown `inputs`.
+
+    Examples
+    --------
+    >>> brdf = enhance("ggx")
+    >>> print(brdf, brdf.n_weights)
+    M + S * D * [F] [*] [G] * [1/E] 6612
+    """
+    model = models.get(model) if isinstance(model, str) else model
+    if inputs not in INPUTS:
+        raise ValueError(f'enhance(): inputs="{inputs}" is unknown. Choose one of: {", ".join(INPUTS)}.')
+    replace = set(replace)
+    for name in sorted(replace):
+        model.graph.find(name)
+    rng = np.random.default_rng(seed)
+    n_params = parameters.count(model.parameters) + n_latent
+    networks = {}
+    for node in model.graph.walk():
+        if node.name in replace:
+            folded, varying, out = _sizes(node, n_params)
+            networks[node.name] = nn.xavier((folded + varying, *hidden, out), folded, rng)
+    return EnhancedBRDF(model, networks, n_latent, inputs)
+
+
+def _sizes(node: Node, n_params: int) -> tuple[int, int, int]:
+    """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
+    if node.args:
+        return 0, 2, 1
+    directional = bool(_DIRECTIONAL & set(node.inputs))
+    # A term without directions stands for a colour (M, S); with directions for a scalar (D, F, G, 1/E).
+    return n_params, 6 if directional else 0, 1 if directional else 3

@@ -1,0 +1,79 @@
+"""Directions, frames and angles. THE convention block of the whole package:
+
+- All directions are unit vectors that point away from the surface, in the local frame
+  n = (0, 0, 1), t = (1, 0, 0), b = n x t = (0, 1, 0).
+- `wi` points towards the viewer (Mitsuba's ``si.wi``), `wo` towards the light (the sampled direction).
+  The paper's omega_i is the light: readers of measured data translate in one place.
+- ``brdf(wi, wo)`` is f_r in 1/sr WITHOUT the cosine; only the plugin's ``eval`` multiplies by cos_theta_o.
+- Below the horizon (cos_theta_i <= 0 or cos_theta_o <= 0) every BRDF is exactly 0.
+- Angles are radians, colours are linear RGB, roughness is alpha (not perceptual roughness).
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+# Smallest cosine that enters a division. Keeps 1/E finite at grazing angles; 1e-4 is 89.994 degrees.
+MIN_COS = 1e-4
+
+
+def frame(n_x, n_y, t_theta) -> mi.Frame3f:
+    """Shading frame of a material: a tilted normal and a rotated tangent (3 of the paper's 12 parameters).
+
+    Parameters
+    ----------
+    n_x, n_y : mi.Float
+        Tangent-plane components of the unit normal n, ``n_x**2 + n_y**2 < 1``.
+    t_theta : mi.Float
+        Rotation of the tangent about n, radians; 0 is the direction closest to (1, 0, 0).
+
+    Returns
+    -------
+    mi.Frame3f
+        ``to_local`` / ``to_world`` convert between the surface's frame and the material's.
+
+    Examples
+    --------
+    >>> frame(mi.Float(0), mi.Float(0), mi.Float(0)).n
+    [[0, 0, 1]]
+    """
+    n = mi.Vector3f(n_x, n_y, dr.safe_sqrt(1 - n_x * n_x - n_y * n_y))
+    t = dr.normalize(mi.Vector3f(1, 0, 0) - n * n.x)
+    b = dr.cross(n, t)
+    s, c = dr.sincos(t_theta)
+    return mi.Frame3f(c * t + s * b, c * b - s * t, n)
+
+
+def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
+    """All directional quantities that terms and networks can ask for by name.
+
+    Parameters
+    ----------
+    wi, wo : mi.Vector3f, N lanes
+        Directions towards viewer and light, local frame.
+
+    Returns
+    -------
+    dict
+        ``wi``, ``wo``, ``h`` (half vector) and the cosines ``cos_theta_i``, ``cos_theta_o``, ``cos_theta_h``
+        (of h and n) and ``cos_theta_d`` (of h and either direction).
+
+    Examples
+    --------
+    >>> quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))["cos_theta_h"]
+    [1]
+    """
+    s = wi + wo
+    # wi = -wo has no half vector: the floor makes it 0 instead of NaN (such pairs are below the horizon anyway).
+    h = s * dr.rsqrt(dr.maximum(dr.squared_norm(s), 1e-12))
+    return {
+        "wi": wi,
+        "wo": wo,
+        "h": h,
+        "cos_theta_i": wi.z,
+        "cos_theta_o": wo.z,
+        "cos_theta_h": h.z,
+        # |wi + wo| = 2 cos_theta_d: exact where dot(wi, h) loses digits; at most 1 against rounding.
+        "cos_theta_d": dr.minimum(0.5 * dr.norm(s), 1),
+    }

@@ -1,0 +1,119 @@
+"""A reflectance model as a computational graph: one immutable record and a few verbs (paper, section 3).
+
+A graph knows no optics and no networks. A term is a function whose arguments are picked *by name* from the record it is
+evaluated on; an operator joins two graphs. Either can be exchanged for another function with :meth:`Node.replace`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import operator
+from collections.abc import Callable, Iterator, Mapping
+
+
+@dataclasses.dataclass(frozen=True)
+class Node:
+    """One slot of a graph: a term (no `args`) or an operator (two `args`).
+
+    Parameters
+    ----------
+    name : str
+        ``"D"``, ``"1/E"`` for a term; operators are named after their neighbours in the formula, ``"F*G"``.
+    fn : callable
+        A term's function of named quantities, or an operator's function of its two operands.
+    args : tuple of Node
+        The two operands of an operator, empty for a term.
+    symbol : str
+        ``"+"`` or ``"*"`` for an operator, empty for a term.
+    replaced : bool
+        True once :meth:`replace` has exchanged `fn`; such a slot prints in brackets.
+
+    Examples
+    --------
+    >>> a, b = Node("A", lambda x: x), Node("B", lambda y: 2 * y)
+    >>> g = a + b
+    >>> print(g, g({"x": 1, "y": 2}))
+    A + B 5
+    >>> print(g.replace({"B": lambda record: 10}))
+    A + [B]
+    """
+
+    name: str
+    fn: Callable
+    args: tuple[Node, ...] = ()
+    symbol: str = ""
+    replaced: bool = False
+
+    def __add__(self, other: Node) -> Node:
+        return _join("+", operator.add, self, other)
+
+    def __mul__(self, other: Node) -> Node:
+        return _join("*", operator.mul, self, other)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the quantities an original term asks for (empty for operators)."""
+        return () if self.args else tuple(inspect.signature(self.fn).parameters)
+
+    def __call__(self, record: Mapping):
+        """Evaluate on `record`, a mapping from quantity names to values.
+
+        A replaced term is handed the whole record: a network may look at more than the term it stands for.
+        """
+        if self.args:
+            return self.fn(*(a(record) for a in self.args))
+        if self.replaced:
+            return self.fn(record)
+        return self.fn(**{name: record[name] for name in self.inputs})
+
+    def walk(self) -> Iterator[Node]:
+        """Yield every slot in the order of the formula: left operand, operator, right operand."""
+        if self.args:
+            yield from self.args[0].walk()
+            yield self
+            yield from self.args[1].walk()
+        else:
+            yield self
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        """Names of all slots, in the order of the formula: one digit of the enhancement state each (section 4.1)."""
+        return tuple(node.name for node in self.walk())
+
+    def find(self, name: str) -> Node:
+        """Return the slot called `name`; KeyError with the choices if there is none."""
+        for node in self.walk():
+            if node.name == name:
+                return node
+        raise KeyError(f'graph: "{name}" is not a slot of {self}. Slots: {", ".join(self.slots)}.')
+
+    def replace(self, functions: Mapping[str, Callable]) -> Node:
+        """Return a copy in which the slots named in `functions` evaluate those functions instead.
+
+        Raises
+        ------
+        KeyError
+            If a name is not a slot of this graph; the message lists the slots.
+        """
+        for name in functions:
+            self.find(name)
+        return self._replace(functions)
+
+    def _replace(self, functions: Mapping[str, Callable]) -> Node:
+        args = tuple(a._replace(functions) for a in self.args)
+        if self.name not in functions:
+            return dataclasses.replace(self, args=args)
+        return dataclasses.replace(self, args=args, fn=functions[self.name], replaced=True)
+
+    def __str__(self) -> str:
+        label = self.symbol or self.name
+        label = f"[{label}]" if self.replaced else label
+        return f" {label} ".join(map(str, self.args)) if self.args else label
+
+
+def _join(symbol: str, fn: Callable, a: Node, b: Node) -> Node:
+    """Join two graphs; the operator is named after the terms that stand left and right of it in the formula."""
+    left = [n.name for n in a.walk() if not n.args][-1 if symbol == "*" else 0]
+    right = [n.name for n in b.walk() if not n.args][0]
+    return Node(left + symbol + right, fn, (a, b), symbol)

@@ -1,0 +1,326 @@
+"""The small networks that stand in for terms and operators: sizes, initial weights, three evaluators behind one call.
+
+The only file that touches ``drjit.nn``. Every evaluator has ``fold(features)``, which turns the inputs that are constant
+for a material into a bias of the first layer (exact), and ``__call__(x, bias)`` for the inputs that vary. Paper, section 3
+and Fig. 3: four fully connected layers, 16, 32, 16 hidden neurons, leaky ReLU, last layer linear.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+
+import drjit as dr
+import drjit.nn as dnn
+import mitsuba as mi
+import numpy as np
+
+HIDDEN = (16, 32, 16)
+SLOPE = 0.01  # of the leaky ReLU below 0; PyTorch's and Dr.Jit's default, the paper names none
+
+
+@dataclasses.dataclass(frozen=True)
+class MLP:
+    """Weights of one network.
+
+    Parameters
+    ----------
+    layers : tuple of (W, b)
+        Float32 arrays, W of shape (out, in), b of shape (out,).
+    n_folded : int
+        The first `n_folded` inputs are constant over a material and can be folded into a bias.
+    """
+
+    layers: tuple[tuple[np.ndarray, np.ndarray], ...]
+    n_folded: int = 0
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Input size, hidden sizes, output size."""
+        return (self.layers[0][0].shape[1], *(len(b) for _, b in self.layers))
+
+    @property
+    def n_weights(self) -> int:
+        """Number of floats, biases included.
+
+        Examples
+        --------
+        >>> xavier((45, *HIDDEN, 1), 39, np.random.default_rng(0)).n_weights
+        1825
+        """
+        return sum(w.size + b.size for w, b in self.layers)
+
+
+def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator) -> MLP:
+    """Xavier (Glorot) uniform weights, zero biases: the paper's initialisation (section 4.3).
+
+    ``drjit.nn.Linear`` draws from another range, so the weights are drawn here.
+
+    References
+    ----------
+    Glorot and Bengio 2010, *Understanding the Difficulty of Training Deep Feedforward Neural Networks*, eq. (16).
+    """
+    layers = []
+    for n_in, n_out in zip(sizes, sizes[1:], strict=False):
+        limit = np.sqrt(6 / (n_in + n_out))
+        layers.append((rng.uniform(-limit, limit, (n_out, n_in)).astype(np.float32), np.zeros(n_out, np.float32)))
+    return MLP(tuple(layers), n_folded)
+
+
+def _affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
+    """W x + b with the entries of `w` written as literals into the trace."""
+    out = []
+    for row, z in zip(w.tolist(), b, strict=True):
+        z = mi.Float(z)
+        for weight, v in zip(row, x, strict=True):
+            z = dr.fma(v, weight, z)
+        out.append(z)
+    return out
+
+
+class _BakedOp(dr.CustomOp):
+    """Baked layers with a hand-written backward pass with respect to the inputs.
+
+    Plain AD through thousands of literal multiply-adds can take a minute to trace and compile in a fitting kernel.
+    """
+
+    def eval(self, layers, x, bias):
+        self.layers, self.slopes = layers, []
+        z = _affine(layers[0][0], x, bias)
+        for w, b in layers[1:]:
+            self.slopes.append([dr.select(v > 0, mi.Float(1), mi.Float(SLOPE)) for v in z])
+            z = _affine(w, [v * s for v, s in zip(z, self.slopes[-1], strict=True)], b.tolist())
+        return z
+
+    def backward(self):
+        dz = list(self.grad_out())
+        for (w, _), slopes in zip(self.layers[:0:-1], self.slopes[::-1], strict=True):
+            dz = [g * s for g, s in zip(_affine(w.T, dz, [0.0] * w.shape[1]), slopes, strict=True)]
+        w = self.layers[0][0]
+        dx = _affine(w.T, dz, [0.0] * w.shape[1])
+        if not dr.flag(dr.JitFlag.SymbolicScope):
+            # A bias shared by many lanes is summed next, entry by entry: evaluate once instead of once per entry.
+            dr.eval(dz, dx)
+        self.set_grad_in("bias", dz)
+        self.set_grad_in("x", dx)
+
+    def forward(self):
+        dz = _affine(self.layers[0][0], self.grad_in("x"), self.grad_in("bias"))
+        for (w, _), slopes in zip(self.layers[1:], self.slopes, strict=True):
+            dz = _affine(w, [g * s for g, s in zip(dz, slopes, strict=True)], [0.0] * len(w))
+        self.set_grad_out(dz)
+
+    def name(self):
+        return "mi_enhance.nn.Baked"
+
+
+class Baked:
+    """Weights as constants of the trace: what rendering and fitting use on LLVM.
+
+    Inside a BSDF (a virtual call) cooperative vectors gather every weight per lane on LLVM, 4 to 15 times slower.
+    Materials that share the weights trace to the same function, so it is compiled once; the bias stays data.
+    """
+
+    def __init__(self, mlp: MLP):
+        (w, b), *rest = mlp.layers
+        self._fold = w[:, : mlp.n_folded], b
+        self._layers = [(w[:, mlp.n_folded :], b), *rest]
+
+    def fold(self, features: Sequence) -> list[mi.Float]:
+        """First-layer bias from the inputs that are constant over a material."""
+        w, b = self._fold
+        return _affine(w, features, b.tolist())
+
+    def __call__(self, x: Sequence[mi.Float], bias: Sequence[mi.Float]) -> list[mi.Float]:
+        """Output of the network for varying inputs `x` and the first-layer `bias`."""
+        x, bias = list(x), list(bias)
+        if dr.grad_enabled(x, bias):
+            return list(dr.custom(_BakedOp, self._layers, x, bias))
+        return _BakedOp().eval(self._layers, x, bias)
+
+
+class Cooperative:
+    """Cooperative vectors: tensor cores on CUDA, where matrices must be half precision; float32 elsewhere."""
+
+    def __init__(self, mlp: MLP):
+        dtype = dr.float16_array_t(mi.TensorXf) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else mi.TensorXf
+        (w, b), *rest = mlp.layers
+        self._baked = Baked(mlp)
+        flat = [dtype(np.ascontiguousarray(w[:, mlp.n_folded :]))]
+        for layer in rest:
+            flat += [dtype(v) for v in layer]
+        self._packed = dnn.pack(*flat, layout="inference")
+        self._scalar = dr.float16_array_t(mi.Float) if dtype is not mi.TensorXf else mi.Float
+
+    def fold(self, features: Sequence) -> list[mi.Float]:
+        """First-layer bias from the inputs that are constant over a material."""
+        return self._baked.fold(features)
+
+    def __call__(self, x: Sequence[mi.Float], bias: Sequence[mi.Float]) -> list[mi.Float]:
+        """Output of the network for varying inputs `x` and the first-layer `bias`."""
+        packed = self._packed if isinstance(self._packed, tuple) else (self._packed,)
+        z = dnn.matvec(packed[0], dnn.CoopVec(*map(self._scalar, x))) + dnn.CoopVec(*map(self._scalar, bias))
+        for w, b in zip(packed[1::2], packed[2::2], strict=True):
+            z = dnn.matvec(w, dr.fma(dr.minimum(z, 0), SLOPE, dr.maximum(z, 0)), b)
+        return [mi.Float(v) for v in z]
+
+
+class Trainable:
+    """All networks of a BRDF over one flat weight vector, with gradients: ``trainable[slot]`` is an evaluator.
+
+    One fused kernel runs forward and backward through cooperative vectors and writes activations and output gradients;
+    :meth:`gradient` then forms the weight gradients as matrix products. On LLVM this is about three times as fast as
+    ``drjit.nn`` with automatic differentiation, whose outer products add to memory atomically.
+
+    Parameters
+    ----------
+    networks : dict of str to MLP
+        The networks by slot.
+    """
+
+    def __init__(self, networks: dict[str, MLP]):
+        self._networks = networks
+        self._pending = []
+        self._slots, offset = {}, 0
+        for slot, mlp in networks.items():
+            self._slots[slot] = _TrainableSlot(self, mlp, offset)
+            offset += mlp.n_weights
+        flat = [v.ravel() for mlp in networks.values() for v in _split(mlp)]
+        # Attached: gradients are wanted. With detached weights the networks only pass gradients on to their inputs.
+        self.weights = mi.Float(np.concatenate(flat) if flat else np.zeros(1, np.float32))
+        dr.enable_grad(self.weights)
+
+    def __getitem__(self, slot: str) -> _TrainableSlot:
+        return self._slots[slot]
+
+    def networks(self) -> dict[str, MLP]:
+        """The current weights as plain arrays."""
+        flat, offset, result = np.array(dr.detach(self.weights)), 0, {}
+        for slot, mlp in self._networks.items():
+            parts = []
+            for v in _split(mlp):
+                parts.append(flat[offset : offset + v.size].reshape(v.shape).astype(np.float32))
+                offset += v.size
+            w = np.concatenate(parts[:2], axis=1)
+            rest = parts[3:]
+            layers = [(w, parts[2]), *zip(rest[::2], rest[1::2], strict=True)]
+            result[slot] = MLP(tuple(layers), mlp.n_folded)
+        return result
+
+    def gradient(self) -> mi.Float:
+        """Gradient of the flat weight vector, from all backward passes since the last call.
+
+        Must follow ``dr.backward``; evaluates every kernel that is still open.
+        """
+        result = dr.zeros(mi.Float, len(self.weights))
+        dr.eval([(a, z) for _, _, a, z in self._pending])
+        for w_offset, b_offset, a, z in self._pending:
+            w = dr.matmul(z, a, At=True)  # dW = sum over samples of (output gradient) x (input)
+            _accumulate(result, w, w_offset)
+            if b_offset is not None:
+                _accumulate(result, dr.matmul(z, dr.ones(mi.TensorXf, (z.shape[0], 1)), At=True), b_offset)
+        self._pending = []
+        return result
+
+
+def _split(mlp: MLP) -> list[np.ndarray]:
+    """Weights in storage order; the folded and the varying part of the first matrix are apart, so each is contiguous."""
+    (w, b), *rest = mlp.layers
+    return [w[:, : mlp.n_folded], w[:, mlp.n_folded :], b, *(v for layer in rest for v in layer)]
+
+
+def _accumulate(target: mi.Float, value: mi.TensorXf, offset: int):
+    dr.scatter_add(target, value.array, dr.arange(mi.UInt32, len(value.array)) + offset)
+
+
+def _rows(columns: Sequence[mi.Float], n: int) -> mi.TensorXf:
+    """Write C arrays of N lanes as one (N, C) tensor."""
+    c = len(columns)
+    buffer = dr.empty(mi.Float, n * c)
+    index = dr.arange(mi.UInt32, n)
+    if c == 1:
+        dr.scatter(buffer, columns[0], index)
+    else:
+        array = sys.modules[mi.Float.__module__].ArrayXf  # of the active backend; mi has no name for it
+        dr.scatter(buffer, array([dr.detach(c) for c in columns]), index)
+    return mi.TensorXf(buffer, (n, c))
+
+
+class _TrainableSlot:
+    """Evaluator of one network over a part of the flat weight vector."""
+
+    def __init__(self, owner: Trainable, mlp: MLP, offset: int):
+        self._owner = owner
+        self._places = []
+        for v in _split(mlp):
+            self._places.append((offset, v.shape))
+            offset += v.size
+
+    def _view(self, k: int) -> dnn.MatrixView:
+        offset, shape = self._places[k]
+        rows, cols = shape if len(shape) == 2 else (shape[0], 1)
+        view = dnn.MatrixView()
+        view.dtype, view.layout = dr.type_v(mi.Float), "row_major"
+        view.shape, view.stride, view.offset, view.size = (rows, cols), cols, offset, rows * cols
+        view.buffer = dr.detach(self._owner.weights)
+        return view
+
+    def fold(self, features: Sequence[mi.Float]) -> list[mi.Float]:
+        """First-layer bias from the inputs that are constant over a material."""
+        return self._run([(0, 2)], features, None) if features else []
+
+    def __call__(self, x: Sequence[mi.Float], bias: Sequence[mi.Float]) -> list[mi.Float]:
+        """Output of the network for varying inputs `x` and the first-layer `bias` (empty if nothing is folded)."""
+        later = [(k, k + 1) for k in range(3, len(self._places), 2)]
+        first = (1 if x else None, None if bias else 2)
+        return self._run([first, *later], x, list(bias) or None)
+
+    def _run(self, layers, x, bias):
+        return list(dr.custom(_TrainableOp, self, layers, [mi.Float(v) for v in x], bias, self._owner.weights))
+
+
+class _TrainableOp(dr.CustomOp):
+    """Forward and backward through cooperative vectors; leaves the operands of the weight gradients with the owner."""
+
+    def eval(self, slot, layers, x, bias, weights):
+        # `weights` makes the result depend on them; their gradient is formed by the owner
+        self.slot, self.layers, self.inputs, self.positive = slot, layers, [x], []
+        self.record = dr.grad_enabled(slot._owner.weights)
+        self.has_bias = bias is not None
+        z = None
+        for k_w, k_b in layers:
+            if z is not None:
+                self.positive.append([v > 0 for v in z])
+                self.inputs.append([dr.select(v > 0, v, SLOPE * v) for v in z])
+            if k_w is None:  # a network without directions: its first layer is the bias
+                z = list(bias)
+                continue
+            vector = dnn.CoopVec(*self.inputs[-1])
+            if k_b is None:
+                z = list(dnn.matvec(slot._view(k_w), vector) + dnn.CoopVec(*bias))
+            else:
+                z = list(dnn.matvec(slot._view(k_w), vector, slot._view(k_b)))
+        return z
+
+    def backward(self):
+        dz = list(self.grad_out())
+        n = dr.width(dz, self.inputs[0])
+        places = self.slot._places
+        for k in range(len(self.layers) - 1, -1, -1):
+            k_w, k_b = self.layers[k]
+            if k == 0 and self.has_bias:
+                self.set_grad_in("bias", dz)
+            if k_w is None:
+                break
+            if self.record:
+                b_offset = None if k_b is None else places[k_b][0]
+                self.slot._owner._pending.append((places[k_w][0], b_offset, _rows(self.inputs[k], n), _rows(dz, n)))
+            da = list(dnn.matvec(self.slot._view(k_w), dnn.CoopVec(*dz), transpose=True))
+            if k == 0:
+                self.set_grad_in("x", da)
+            else:
+                dz = [dr.select(p, a, SLOPE * a) for p, a in zip(self.positive[k - 1], da, strict=True)]
+
+    def name(self):
+        return "mi_enhance.nn.Trainable"

@@ -1,0 +1,153 @@
+"""The parameter vector of a material: names, order, ranges, starting values (paper, sections 3 and 4.3)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One parameter of a model.
+
+    Parameters
+    ----------
+    name : str
+        Key in files, scenes and dictionaries.
+    size : int
+        1, 3 for a linear RGB colour, or the length of ``latent``.
+    low, high : float
+        Allowed range, inclusive; fits stay inside.
+    initial : float
+        Starting value.
+    log : bool
+        Optimise the logarithm. Roughness needs it: dD/d(alpha) is -9e8 at alpha = 0.001.
+    """
+
+    name: str
+    size: int
+    low: float
+    high: float
+    initial: float
+    log: bool = False
+
+
+# 12 analytic parameters of GGX, in the paper's order (section 7). Ranges: OpenSVBRDF statistics as published; roughness is
+# let down to 1e-4, where Mitsuba's own microfacet distribution ends; |n| tilt stays below 45 degrees (0.5**2 * 2 < 1).
+N_X = Parameter("n_x", 1, -0.5, 0.5, 0.0)
+N_Y = Parameter("n_y", 1, -0.5, 0.5, 0.0)
+T_THETA = Parameter("t_theta", 1, -math.pi, math.pi, 0.0)
+RHO_D = Parameter("rho_d", 3, 0.0, 1.0, 0.5)
+RHO_S = Parameter("rho_s", 3, 0.0, 10.0, 1.0)
+ALPHA_X = Parameter("alpha_x", 1, 1e-4, 1.0, 0.2, log=True)
+ALPHA_Y = Parameter("alpha_y", 1, 1e-4, 1.0, 0.2, log=True)
+F0 = Parameter("F0", 1, 0.0, 1.0, 0.04)
+
+
+def latent(n: int) -> Parameter:
+    """The neural parameters: `n` numbers that only networks read, 0.5 at the start (section 4.3).
+
+    The range only keeps a fit from running away along a direction the data says nothing about.
+    """
+    return Parameter("latent", n, -16.0, 16.0, 0.5)
+
+
+def count(parameters: Sequence[Parameter]) -> int:
+    """Total number of floats.
+
+    Examples
+    --------
+    >>> count([RHO_D, F0])
+    4
+    """
+    return sum(p.size for p in parameters)
+
+
+def initial(parameters: Sequence[Parameter]) -> dict[str, np.ndarray]:
+    """Starting values, name -> float64 array of length `size`."""
+    return {p.name: np.full(p.size, p.initial) for p in parameters}
+
+
+def flatten(parameters: Sequence[Parameter], values: dict) -> np.ndarray:
+    """Values as one float64 vector in the order of `parameters`."""
+    return np.concatenate([np.broadcast_to(np.asarray(values[p.name], np.float64), p.size) for p in parameters])
+
+
+def unflatten(parameters: Sequence[Parameter], vector) -> dict:
+    """The inverse of :func:`flatten`, for a NumPy vector or any sequence of per-lane Dr.Jit arrays.
+
+    Colours become ``mi.Color3f`` and scalars single entries if the vector holds Dr.Jit arrays; otherwise slices of it.
+    """
+    if len(vector) != count(parameters):
+        raise ValueError(f"parameters: {len(vector)} numbers given, {count(parameters)} expected.")
+    result, start = {}, 0
+    for p in parameters:
+        part = vector[start : start + p.size]
+        start += p.size
+        if not isinstance(vector, np.ndarray):
+            part = part[0] if p.size == 1 else mi.Color3f(*part) if p.size == 3 else list(part)
+        result[p.name] = part
+    return result
+
+
+class Space:
+    """The space in which parameters are optimised: the logarithm of those that ask for it, a box for all.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+
+    Examples
+    --------
+    >>> space = Space([ALPHA_X, F0])
+    >>> space.back(space.to(np.array([0.1, 0.04])))
+    array([0.1 , 0.04])
+    """
+
+    def __init__(self, parameters: Sequence[Parameter]):
+        self._log = np.concatenate([np.full(p.size, p.log) for p in parameters])
+        self.low = self.to(np.concatenate([np.full(p.size, p.low) for p in parameters]))
+        self.high = self.to(np.concatenate([np.full(p.size, p.high) for p in parameters]))
+
+    def to(self, physical: np.ndarray) -> np.ndarray:
+        """Physical values, (..., P), to optimised ones."""
+        return np.where(self._log, np.log(np.where(self._log, physical, 1)), physical)
+
+    def back(self, optimised):
+        """Optimised values to physical ones: an array (..., P), or a list of P Dr.Jit arrays."""
+        if isinstance(optimised, np.ndarray):
+            return np.where(self._log, np.exp(np.where(self._log, optimised, 0)), optimised)
+        return [dr.exp(v) if log else v for v, log in zip(optimised, self._log, strict=True)]
+
+
+def check(parameters: Sequence[Parameter], values: dict, where: str) -> dict[str, np.ndarray]:
+    """Return `values` as float64 arrays of the right size, completed by nothing: every parameter must be there.
+
+    Raises
+    ------
+    ValueError
+        For a missing or unknown name, a wrong length, a value that is not finite or out of range.
+    """
+    names = [p.name for p in parameters]
+    for name in values:
+        if name not in names:
+            raise ValueError(f'{where}: unknown parameter "{name}". Choose from: {", ".join(names)}.')
+    result = {}
+    for p in parameters:
+        if p.name not in values:
+            raise ValueError(f'{where}: parameter "{p.name}" is missing. Needed: {", ".join(names)}.')
+        v = np.atleast_1d(np.asarray(values[p.name], np.float64)).ravel()
+        if v.size not in (1, p.size):
+            raise ValueError(f"{where}: {p.name} takes {p.size} number(s); got {v.size}.")
+        v = np.broadcast_to(v, p.size)
+        # float32 files round the bounds: a relative 1e-6 is their resolution, not a violation
+        slack = 1e-6 * max(abs(p.low), abs(p.high))
+        if not np.isfinite(v).all() or v.min() < p.low - slack or v.max() > p.high + slack:
+            raise ValueError(f"{where}: {p.name} must lie in [{p.low:g}, {p.high:g}]; got {v.tolist()}.")
+        result[p.name] = np.clip(v, p.low, p.high)
+    return result
