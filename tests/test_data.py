@@ -13,7 +13,9 @@ import mitsuba as mi  # isort: skip
 from mi_enhance import data
 from mi_enhance.data import merl, nbrdf, nps, rgl, sampling, synthetic
 
-GREY_GGX = dict(n=[0, 0, 1], t_theta=0, rho_d=[0.1, 0.2, 0.3], rho_s=[1, 0.5, 0.2], alpha_x=0.15, alpha_y=0.15, F0=0.04)
+COLOURED_GGX = dict(
+    n=[0, 0, 1], t_theta=0, rho_d=[0.1, 0.2, 0.3], rho_s=[1, 0.5, 0.2], alpha_x=0.15, alpha_y=0.15, F0=0.04
+)
 
 
 @pytest.fixture
@@ -21,8 +23,11 @@ def rgb():
     mi.set_variant("llvm_ad_rgb")
 
 
-def grey_ggx(wi, wo):
-    return synthetic.ggx(wi, wo, **GREY_GGX)
+def wavy_ggx(wi, wo):
+    """A reciprocal, isotropic material that depends on all three angles of MERL, phi_d included."""
+    _, _, theta_d, phi_d = sampling.directions_to_rusinkiewicz(wi, wo)
+    wave = 1 + 0.5 * np.sin(theta_d) ** 2 * np.sin(2 * phi_d + 0.3)
+    return synthetic.ggx(wi, wo, **COLOURED_GGX) * wave[:, None]
 
 
 def log_l1(f, g, wo):
@@ -145,15 +150,15 @@ def test_rgl_in_scalar_variant_says_which_to_set():
 
 @pytest.fixture(scope="module")
 def merl_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("merl") / "grey-ggx.binary"
-    merl.write_merl(path, grey_ggx)
+    path = tmp_path_factory.mktemp("merl") / "wavy-ggx.binary"
+    merl.write_merl(path, wavy_ggx)
     return path
 
 
 def test_merl_round_trip_of_an_analytic_brdf(merl_file):
     m = data.load(merl_file, n_samples=20_000)
-    exact = grey_ggx(m.wi, m.wo)
-    assert m.name == "grey-ggx" and m.clamped_fraction == 0
+    exact = wavy_ggx(m.wi, m.wo)
+    assert m.name == "wavy-ggx" and m.clamped_fraction == 0
     assert np.median(np.abs(m.f / exact - 1)) < 2e-4  # linear interpolation of a smooth lobe in 1 to 2 degree cells
     assert log_l1(m.f, exact, m.wo) < 2e-4  # larger errors only beside cells below the horizon, which hold nothing
 
@@ -168,7 +173,7 @@ def test_merl_layout_is_that_of_merls_own_code(merl_file):
         wi, wo = sampling.rusinkiewicz_to_directions(*middle)
         index = p + 180 * k + 180 * 90 * j
         stored = [raw[index + c * 90 * 90 * 180] * s for c, s in enumerate((1 / 1500, 1.15 / 1500, 1.66 / 1500))]
-        np.testing.assert_allclose(stored, grey_ggx(wi[None], wo[None])[0], rtol=1e-12)
+        np.testing.assert_allclose(stored, wavy_ggx(wi[None], wo[None])[0], rtol=1e-12)
         found = merl.lookup(table, wi[None], wo[None])[0]
         np.testing.assert_allclose(found, stored, rtol=1e-4)  # in the middle of a cell nothing is interpolated
 
@@ -190,7 +195,7 @@ def test_merl_unmeasured_cells_are_never_sampled_nor_mixed_in(editable_merl):
     edge = (np.abs(cell - 19.75) < 0.25) | (np.abs(cell - 40.25) < 0.25)
     assert edge.sum() > 50 and m.clamped_fraction == 0
     # half a cell of extrapolation; a -1 taken for a value would give 0 or far less
-    assert np.abs(m.f[edge] / grey_ggx(m.wi, m.wo)[edge] - 1).max() < 0.2
+    assert np.abs(m.f[edge] / wavy_ggx(m.wi, m.wo)[edge] - 1).max() < 0.2
 
 
 def test_merl_real_negatives_are_clamped_and_counted(editable_merl):
