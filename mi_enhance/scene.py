@@ -58,10 +58,12 @@ def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
 
     config = mi.parser.ParserConfig(mi.variant())
     config.unused_parameters = mi.LogLevel.Debug  # a scene of one's own need not have $material
+    # Merging shapes would order the emitters by chance at each load, and with them the noise of a given seed.
+    config.merge_meshes = config.merge_equivalent = False
     state = mi.parser.parse_file(config, str(path), material="", **{k: str(v) for k, v in numbers.items()})
     if "material" not in state.id_to_index:
         raise ValueError(f'{where}: no object has id="material". Give that id to the BSDF that is to be replaced.')
-    # The renaming and merging passes come first, because they would not know the ready object for a BSDF node.
+    # References are resolved first: then every use of the material is an index, however the XML wrote it.
     mi.parser.transform_all(config, state)
     index = state.id_to_index["material"]
     for node in state.nodes:

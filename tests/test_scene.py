@@ -1,0 +1,172 @@
+"""Bundled scenes: one XML for every material, exposed for the screen; and the comparison made in them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import matplotlib
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from mi_enhance import scene, table
+from mi_enhance._files import scene_file
+from mi_enhance.compare import compare
+
+SCENES = ("shader_ball", "sphere_envmap")
+GREY = {"type": "diffuse", "reflectance": 0.5}
+SUMMATION = 1e-5  # threads add the samples of a pixel in any order; another noise differs by 1e-2
+BLACK = {"type": "diffuse", "reflectance": 0.0}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scene_is_exposed_for_the_screen(llvm, name):
+    image = np.array(mi.render(scene.load(name, GREY, resolution=48, spp=16)))
+    assert image.shape == (48, 48, 3)
+    assert np.isfinite(image).all()
+    assert 0.1 < np.median(image) < 0.7  # neither dark nor washed out at display white 1
+    assert np.mean(image > 1) < 0.02
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_material_covers_the_ball_and_nothing_else(llvm, name):
+    grey, black = (np.array(mi.render(scene.load(name, b, resolution=48, spp=16, max_depth=2))) for b in (GREY, BLACK))
+    covered = (np.abs(grey - black) > 0.02).any(2).mean()
+    assert 0.1 < covered < 0.7
+
+
+def test_bsdf_instance_and_dictionary_render_the_same(llvm):
+    images = [
+        np.array(mi.render(scene.load("sphere_envmap", b, resolution=24, spp=4))) for b in (GREY, mi.load_dict(GREY))
+    ]
+    assert np.allclose(*images, atol=SUMMATION)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_replacing_equals_the_material_named_in_the_xml(llvm, name, tmp_path):
+    """A copy of the XML with a built-in plugin written into it renders what the loader makes of the unchanged one."""
+    path = shutil.copytree(scene_file(f"{name}.xml").parent, tmp_path / "scenes") / f"{name}.xml"
+    node = '<bsdf type="enhanced" id="material"> <string name="filename" value="$material"/> </bsdf>'
+    text = path.read_text()
+    assert node in text
+    path.write_text(text.replace(node, '<bsdf type="diffuse"> <rgb name="reflectance" value="0.5"/> </bsdf>'))
+    expected = mi.render(mi.load_file(str(path), optimize=False, resolution=24, spp=4))
+    rgb = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
+    result = mi.render(scene.load(name, rgb, resolution=24, spp=4))
+    assert np.allclose(np.array(result), np.array(expected), atol=SUMMATION)
+
+
+def test_equal_seeds_give_equal_noise(llvm):
+    """Across loads: a comparison rests on it."""
+    first, second = (np.array(mi.render(scene.shader_ball(GREY, resolution=24, spp=4), seed=3)) for _ in range(2))
+    assert np.allclose(first, second, atol=SUMMATION)
+
+
+def test_loading_leaves_the_search_path_as_it_was(llvm):
+    before = str(mi.file_resolver())
+    scene.load("sphere_envmap", GREY, resolution=16, spp=1)
+    assert str(mi.file_resolver()) == before
+
+
+@pytest.mark.parametrize("name", ("resolution", "spp", "max_depth"))
+@pytest.mark.parametrize("value", (0, 2.5))
+def test_bad_number_is_refused(llvm, name, value):
+    with pytest.raises(ValueError, match=rf"{name} is {value}; it must be a positive integer"):
+        scene.load("shader_ball", GREY, **{name: value})
+
+
+def test_unknown_scene_is_refused(llvm):
+    with pytest.raises(FileNotFoundError, match="Choose one of: shader_ball.xml, sphere_envmap.xml"):
+        scene.load("teapot", GREY)
+    with pytest.raises(FileNotFoundError, match=r'scene.load\("teapot.xml"\): no such file'):
+        scene.load("teapot.xml", GREY)
+
+
+def test_scene_without_the_id_is_refused(llvm, tmp_path):
+    path = tmp_path / "bare.xml"
+    path.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
+    with pytest.raises(ValueError, match='no object has id="material"'):
+        scene.load(path, GREY)
+
+
+def test_missing_variant_is_said(run_child):
+    result = run_child("import mi_enhance.scene as s; s.load('shader_ball', {'type': 'diffuse'})")
+    assert 'no Mitsuba variant is active. Call mi.set_variant("llvm_ad_rgb")' in result.stderr
+
+
+# --- comparison -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def comparison(tmp_path_factory):
+    """Grey against itself and against a darker grey."""
+    mi.set_variant("llvm_ad_rgb")
+    out_dir = tmp_path_factory.mktemp("compare")
+    backend = matplotlib.rcParams._get("backend")  # asking for ["backend"] would choose one
+    darker = {"type": "diffuse", "reflectance": 0.3}
+    lines = []
+    rows = compare(
+        GREY, {"same": GREY, "darker one": darker}, out_dir=out_dir, scene="sphere_envmap", resolution=32, spp=16,
+        truth_label="grey", log=lines.append,
+    )  # fmt: skip
+    assert matplotlib.rcParams._get("backend") == backend
+    return out_dir, rows, lines
+
+
+def test_compare_ranks_what_it_renders(comparison):
+    _, rows, lines = comparison
+    assert [row["label"] for row in rows] == ["grey", "same", "darker one"]
+    assert lines[2] == "render darker one: 32 x 32, 16 spp"
+    for row in rows[:2]:  # the same seed: equal materials give equal images
+        assert (row["ssim"], row["delta_E_ITP_1000"]) == (pytest.approx(1), pytest.approx(0, abs=SUMMATION))
+    assert rows[0]["psnr"] is None  # the truth against itself: infinite, which JSON does not know
+    assert rows[2]["ssim"] < 0.99 and rows[2]["delta_E_ITP_1000"] > 5
+    assert all(row["render_seconds"] * row["mpaths_per_s"] == pytest.approx(32 * 32 * 16 / 1e6) for row in rows)
+
+
+def test_compare_writes_whole_files_only(comparison):
+    out_dir, rows, _ = comparison
+    assert sorted(p.name for p in out_dir.iterdir()) == ["comparison.png", "darker_one.exr", "grey.exr", "same.exr"]
+    grey, darker = (np.array(mi.Bitmap(row["image"])) for row in (rows[0], rows[2]))
+    assert grey.dtype == np.float32 and grey.shape == (32, 32, 3)
+    assert grey.mean() > darker.mean() > 0
+
+
+def test_picture_shows_the_renders_and_the_error(comparison):
+    out_dir, _, _ = comparison
+    picture = np.array(mi.Bitmap(str(out_dir / "comparison.png")))[..., :3]
+    height, width = picture.shape[:2]
+    assert width == pytest.approx(3 * 352 + 12, abs=4)
+    error_same, error_darker = (
+        picture[int(0.6 * height) :, int(a * width) : int(b * width)] for a, b in ((0.36, 0.64), (0.7, 0.98))
+    )
+    assert error_same.max() < 10  # black: no error
+    assert error_darker.max() > 200
+
+
+def test_compare_refuses_labels_that_name_one_file(llvm, tmp_path):
+    with pytest.raises(ValueError, match="differ in letters or digits"):
+        compare(GREY, {"a b": GREY, "a-b": GREY}, out_dir=tmp_path)
+    with pytest.raises(ValueError, match="at least two"):
+        compare(GREY, {}, out_dir=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+ROWS = [{"label": "GGX", "ssim": 0.98126, "bytes": 1234}, {"label": "measured", "ssim": 1.0, "bytes": None}]
+
+
+def test_table_is_the_same_in_every_form(tmp_path, capsys):
+    paths = table.write_table(ROWS, tmp_path / "t")
+    assert json.loads(paths["json"].read_text()) == ROWS
+    assert paths["csv"].read_text().splitlines() == ["label,ssim,bytes", "GGX,0.98126,1234", "measured,1.0,"]
+    assert paths["md"].read_text().splitlines()[2:] == ["| GGX | 0.9813 | 1,234 |", "| measured | 1.0000 | – |"]
+    table.print_table(ROWS, title="a title")
+    printed = capsys.readouterr().out
+    assert "a title" in printed and "0.9813" in printed and "1,234" in printed
+
+
+def test_table_shows_the_columns_asked_for():
+    assert table.markdown(ROWS, {"ssim": ("S", ".1f")}).splitlines()[-1] == "| 1.0 |"
