@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
+from pathlib import Path
 
 import matplotlib
 import mitsuba as mi
@@ -12,7 +14,7 @@ import pytest
 
 from mi_enhance import scene, table
 from mi_enhance._files import scene_file
-from mi_enhance.compare import compare
+from mi_enhance.compare import compare, compare_files
 
 SCENES = ("shader_ball", "sphere_envmap")
 GREY = {"type": "diffuse", "reflectance": 0.5}
@@ -151,6 +153,31 @@ def test_compare_refuses_labels_that_name_one_file(llvm, tmp_path):
     with pytest.raises(ValueError, match="at least two"):
         compare(GREY, {}, out_dir=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_compare_files_averages_each_model(tmp_path, monkeypatch):
+    """Means by hand; the rate is all paths over all seconds, so its mean is harmonic."""
+    figures = {"a": (0.9, 2.0, 100), "b": (0.7, 4.0, 201)}  # SSIM, Mpaths/s, bytes of the two materials
+
+    def one_file(path, *, out_dir, spp):
+        assert (out_dir, spp) == (tmp_path / path.name[0], 4)
+        out_dir.mkdir()
+        ssim, rate, size = figures[path.name[0]]
+        row = {"material": path.name[0], "label": "GGX", "ssim": ssim, "psnr": None}
+        return [{**row, "mpaths_per_s": rate, "bytes": size}]
+
+    monkeypatch.setattr(sys.modules["mi_enhance.compare"], "compare_file", one_file)
+    result = compare_files([Path("x/a_rgb.bsdf"), Path("x/b_rgb.bsdf")], out_dir=tmp_path, spp=4)
+    (mean,) = result["mean"]
+    expected = {"ssim": 0.8, "mpaths_per_s": 2 / (1 / 2 + 1 / 4), "bytes": 150}
+    assert mean == pytest.approx({"material": "mean of 2", "label": "GGX", **expected})
+    assert json.loads(Path(result["tables"]["json"]).read_text()) == result["rows"] + result["mean"]
+
+
+@pytest.mark.parametrize("paths", ([], ["x/a.bsdf", "y/a_rgb.bsdf"]), ids=["none", "one name twice"])
+def test_compare_files_refuses(paths, tmp_path):
+    with pytest.raises(ValueError, match="must be at least one and all different"):
+        compare_files(paths, out_dir=tmp_path)
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
