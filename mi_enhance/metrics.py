@@ -148,7 +148,7 @@ def encode_srgb(image):
 
     Examples
     --------
-    >>> encode_srgb(np.array([-1.0, 0.0, 1.0, 7.0])).tolist()
+    >>> encode_srgb(np.array([-1.0, 0.0, 1.0, 7.0])).round(6).tolist()
     [0.0, 0.0, 1.0, 1.0]
     """
     image = np.clip(image, 0, 1)
