@@ -100,6 +100,9 @@ def _parser() -> argparse.ArgumentParser:
     def add(name, text, *parents):
         return commands.add_parser(name, help=text, description=text, parents=[*parents, common])
 
+    def add_define(p, text):
+        p.add_argument("-D", dest="define", type=_pair, action="append", default=[], metavar="KEY=VALUE", help=text)
+
     add("doctor", "tell what is installed and which variants work; exit 0 if rendering works")
 
     p = add("demo", "fit a real measured material and render it beside ground truth and plain GGX", device)
@@ -113,9 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("-o", "--output", metavar="OUT.exr", required=True, help=".exr, or .png tone-mapped to sRGB")
     p.add_argument("--spp", type=_positive, help="samples per pixel (default: the scene's)")
     p.add_argument("--seed", type=int, default=0)
-    p.add_argument(
-        "-D", dest="define", type=_pair, action="append", default=[], metavar="KEY=VALUE", help="parameter of the scene"
-    )
+    add_define(p, "parameter of the scene")
 
     p = add("show", "print a material", device)
     p.add_argument("file", metavar="MAT.bsdf")
@@ -127,12 +128,10 @@ def _parser() -> argparse.ArgumentParser:
     p = add("convert", "write measurements of any readable kind as a table", one, sampled, device)
     p.add_argument("-o", "--output", metavar="TABLE", required=True, help=".csv or .npz")
 
-    p = add("train", "train the networks of an enhanced model on many materials", device)
-    p.add_argument("data", metavar="DATA", nargs="+", help="files of measurements; all materials in a collection count")
-    p.add_argument("-o", "--output", metavar="NETWORK.bsdf", required=True)
-    p.add_argument("--steps", type=_positive, default=5000, help="optimisation steps (default: %(default)s)")
-    p.add_argument("--seed", type=int, default=0)
-    p.add_argument("--resume", metavar="CHECKPOINT", help="go on from here")
+    p = add("train", "train the networks of an enhanced model on many materials, or go on where a run stopped", device)
+    p.add_argument("config", metavar="CONFIG.json", help="settings that differ from the defaults, the data among them")
+    p.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the run: checkpoint and curve")
+    add_define(p, "setting, as JSON: -D steps=2000")
 
     text = "SSIM, Delta E_ITP and log-L1 of the enhanced and the analytic model, fitted to measured RGL files"
     p = add("compare", text, network, method, sampled, device)
@@ -145,10 +144,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _positive(text: str) -> int:
-    value = int(float(text)) if "e" in text.lower() else int(text)  # 1e5 is what the paper calls it
-    if value < 1:
+    try:
+        value = float(text)  # 1e5 is how the paper writes it
+    except ValueError:
+        value = 0.0
+    if not (value >= 1 and value.is_integer()):
         raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
-    return value
+    return int(value)
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from pathlib import Path
 
@@ -95,14 +96,22 @@ def convert(args: argparse.Namespace) -> dict:
 
 
 def train(args: argparse.Namespace) -> dict:
-    output = _output(args.output, (".bsdf",))
+    from .data._io import require_file
+
+    path = require_file(args.config, f'train "{args.config}"')
+    try:
+        config = json.loads(path.read_text())
+    except ValueError as error:
+        raise ValueError(
+            f'train "{path}": not a JSON file ({error}). Write it like the config.json in the folder of a run.'
+        ) from None
+    config.update((key, _json_or_text(value)) for key, value in args.define)
     _set_variant(args.variant)
     from .train import train
 
-    material = train(args.data, steps=args.steps, seed=args.seed, resume=args.resume)
-    material.save(output)
-    print(f"{material.show()}\n{output}")
-    return {**material.report, "output": str(output)}
+    trainer = train(config, Path(args.output), progress=not args.json)
+    print(f"{args.output}: {trainer.step} steps, {trainer.n_materials} materials")
+    return {"output": args.output, "steps": trainer.step, "n_materials": trainer.n_materials}
 
 
 def compare(args: argparse.Namespace) -> dict:
@@ -152,6 +161,13 @@ def _measurements(args: argparse.Namespace):
     from . import data
 
     return data.load(args.data, n_samples=args.samples, seed=args.seed, material=args.material)
+
+
+def _json_or_text(value: str):
+    try:
+        return json.loads(value)
+    except ValueError:
+        return value
 
 
 def _network(name: str):

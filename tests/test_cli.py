@@ -85,9 +85,13 @@ def test_render_that_fails_keeps_the_old_image(scene, tmp_path, monkeypatch, cap
             r"unused parameters: - \$wide=3",
         ),
         (["convert", "nope.binary", "-o", "x.csv"], r'data\.load\("nope\.binary"\): no such file'),
+        (
+            ["train", "SCENE", "-o", "run"],
+            r'train ".*scene\.xml": not a JSON file \(.*\)\. Write it like the config\.json',
+        ),
         (["convert", "SCENE", "-o", "x.exr"], r'-o: "x\.exr" must end in \.csv or \.npz'),
     ],
-    ids=["suffix", "variant", "no scene", "unknown -D", "no data", "table suffix"],
+    ids=["suffix", "variant", "no scene", "unknown -D", "no data", "no JSON", "table suffix"],
 )
 def test_error_is_one_line_and_status_2(scene, tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)
@@ -127,9 +131,12 @@ def test_interruption_is_polite(monkeypatch, capsys):
     [
         (["render", "s.xml", "-o", "x.exr", "-D", "width"], '"width" is not KEY=VALUE'),
         (["show", "m.bsdf", "--set", "rho_d=red"], "the values must be numbers, as in rho_d=0.2,0.1,0.0"),
-        (["convert", "d.csv", "-o", "x.npz", "--samples", "0"], "0 is not a positive whole number"),
+        *[
+            (["convert", "d.csv", "-o", "x.npz", "--samples", n], f"{n} is not a positive whole number")
+            for n in ("0", "1.5", "inf", "many")
+        ],
     ],
-    ids=["-D", "--set", "--samples"],
+    ids=["-D", "--set", "zero", "fraction", "infinite", "word"],
 )
 def test_malformed_option_is_explained(capsys, arguments, message):
     with pytest.raises(SystemExit) as stop:

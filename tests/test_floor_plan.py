@@ -15,7 +15,7 @@ FLOORS = [
     ["terms", "metrics", "data", "scene"],
     ["models", "picture", "table"],
     ["enhance"],
-    ["material", "specialize", "sampling"],
+    ["material", "specialize", "sampling", "objective", "levenberg"],
     ["fit", "bsdfs"],
     ["train", "search", "inverse", "report", "compare", "doctor"],
     ["demo"],
