@@ -98,13 +98,13 @@ def convert(args: argparse.Namespace) -> dict:
 def train(args: argparse.Namespace) -> dict:
     from .data._io import require_file
 
-    path = require_file(args.config, f'train "{args.config}"')
+    where = f'train "{args.config}"'
     try:
-        config = json.loads(path.read_text())
+        config = json.loads(require_file(args.config, where).read_text())
+        if not isinstance(config, dict):
+            raise ValueError("no object { ... }")
     except ValueError as error:
-        raise ValueError(
-            f'train "{path}": not a JSON file ({error}). Write it like the config.json in the folder of a run.'
-        ) from None
+        raise ValueError(f"{where}: no JSON settings ({error}). Write it like the config.json of a run.") from None
     config.update((key, _json_or_text(value)) for key, value in args.define)
     _set_variant(args.variant)
     from .train import train
@@ -141,10 +141,13 @@ def _set_variant(name: str | None):
 
     if name is None:
         mi.set_variant("cuda_ad_rgb", "llvm_ad_rgb")
-    elif name in mi.variants():
-        mi.set_variant(name)
-    else:
+        return mi
+    if name not in mi.variants():
         raise ValueError(f'--variant: "{name}" is not a variant. Choose one of: {", ".join(mi.variants())}.')
+    try:
+        mi.set_variant(name)
+    except ImportError as error:
+        raise RuntimeError(f'--variant: "{name}" does not work here ({error}). Run: mi-enhance doctor') from None
     return mi
 
 

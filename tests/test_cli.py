@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ def test_render_that_fails_keeps_the_old_image(scene, tmp_path, monkeypatch, cap
         (["convert", "nope.binary", "-o", "x.csv"], r'data\.load\("nope\.binary"\): no such file'),
         (
             ["train", "SCENE", "-o", "run"],
-            r'train ".*scene\.xml": not a JSON file \(.*\)\. Write it like the config\.json',
+            r'train ".*scene\.xml": no JSON settings \(.*\)\. Write it like the config\.json',
         ),
         (["convert", "SCENE", "-o", "x.exr"], r'-o: "x\.exr" must end in \.csv or \.npz'),
     ],
@@ -100,6 +101,15 @@ def test_error_is_one_line_and_status_2(scene, tmp_path, monkeypatch, capsys, ar
     assert captured.err.startswith("mi-enhance: ") and captured.err.count("\n") == 1
     assert captured.out == ""
     assert re.search(message, captured.err)
+
+
+@pytest.mark.skipif(dr.has_backend(dr.JitBackend.CUDA), reason="the GPU of this machine works")
+def test_variant_without_its_device_points_to_doctor(scene, tmp_path, capsys):
+    assert main(["render", scene, "-o", str(tmp_path / "x.exr"), "--variant", "cuda_ad_rgb"]) == 2
+    assert re.match(
+        r'mi-enhance: --variant: "cuda_ad_rgb" does not work here \(.+\)\. Run: mi-enhance doctor\n',
+        capsys.readouterr().err,
+    )
 
 
 def test_error_of_the_plugin_comes_without_mitsubas_traceback(tmp_path, capsys):
