@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ._files import demo_data
 from .compare import compare_file
-from .table import print_table, write_table
+from .table import COLUMNS, print_table, write_table
 
 _MATERIAL = "satin_rosaline_rgb.bsdf"
 
@@ -47,7 +47,9 @@ def demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
     rows = compare_file(path, out_dir=out_dir, resolution=resolution, spp=spp, seed=seed, log=print)
     tables = write_table(rows, out_dir / "table")
     seconds = time.perf_counter() - start
-    print_table(rows, title=f"{resolution} x {resolution}, {spp} spp, {seconds:.0f} s in all")
+    columns = {key: value for key, value in COLUMNS.items() if key != "material"}  # one material: the title names it
+    title = f"{rows[0]['material']}: {resolution} x {resolution}, {spp} spp, {seconds:.0f} s in all"
+    print_table(rows, columns, title=title)
     result = {"picture": str(out_dir / "comparison.png"), "rows": rows, "seconds": seconds}
     print(f"{result['picture']}\nThe enhanced material is ready for a scene: {rows[-1]['file']}")
     return {**result, "tables": {suffix: str(path) for suffix, path in tables.items()}}

@@ -14,7 +14,7 @@ COLUMNS = {
     "label": ("model", ""),
     "log_l1": ("log-L1", ".4f"),
     "ssim": ("SSIM", ".4f"),
-    "delta_E_ITP_1000": ("ΔE ITP x 1000", ".2f"),
+    "delta_E_ITP_1000": ("ΔE ITP x1000", ".2f"),
     "fit_seconds": ("fit s", ".1f"),
     "render_seconds_cold": ("first frame s", ".2f"),
     "mpaths_per_s": ("Mpaths/s", ".2f"),
@@ -49,7 +49,11 @@ def print_table(rows, columns=None, *, title=None):
         table.add_column(header, justify="right" if is_number else "left", no_wrap=True)
     for line in cells:
         table.add_row(*line)
-    Console().print(table)
+    # Rich shortens cells to fit 80 columns, also into a pipe; a number cut off is worse than a wrapped line.
+    console = Console()
+    unlimited = console.options.update(max_width=10_000)
+    console.width = max(console.width, console.measure(table, options=unlimited).maximum)
+    console.print(table)
 
 
 def markdown(rows, columns=None):

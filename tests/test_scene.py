@@ -195,5 +195,12 @@ def test_table_is_the_same_in_every_form(tmp_path, capsys):
     assert "a title" in printed and "0.9813" in printed and "1,234" in printed
 
 
+def test_printed_table_cuts_no_number_off(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    table.print_table([{"material": "a_long_name_of_a_material", **ROWS[0], "delta_E_ITP_1000": 12.3456}])
+    printed = capsys.readouterr().out
+    assert all(text in printed for text in ("a_long_name_of_a_material", "0.9813", "12.35", "1,234"))
+
+
 def test_table_shows_the_columns_asked_for():
     assert table.markdown(ROWS, {"ssim": ("S", ".1f")}).splitlines()[-1] == "| 1.0 |"
