@@ -9,7 +9,7 @@ from ._files import demo_data
 from .compare import compare_file
 from .table import COLUMNS, print_table, write_table
 
-_MATERIAL = "satin_rosaline_rgb.bsdf"
+_MATERIAL = "cc_ibiza_sunset_rgb.bsdf"  # colour-shifting vinyl: plain GGX is visibly wrong
 
 
 def demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
