@@ -119,6 +119,11 @@ class EnhancedBRDF:
         >>> p = {k: mi.Float(v) if len(v) == 1 else mi.Color3f(v) for k, v in parameters.initial(brdf.parameters).items()}
         >>> f = brdf(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1), p)
         """
+        graph, record, active = self.prepare(wi, wo, params, evaluators, folded)
+        return graph(record) & active
+
+    def prepare(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
+        """The graph to evaluate, the record to evaluate it on, and the lanes above the horizon; as :meth:`__call__`."""
         frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
         local_i, local_o = frame.to_local(wi), frame.to_local(wo)
         active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
@@ -132,7 +137,7 @@ class EnhancedBRDF:
             folded = self.fold(params, evaluators) if folded is None else folded
             x = _directional_features(record) if self.inputs == "symmetric" else [*wi, *wo]
             graph = graph.replace({slot: self._function(slot, x, evaluators[slot], folded[slot]) for slot in self.networks})
-        return graph(record) & active
+        return graph, record, active
 
     def imitation_error(self, wi, wo, params: Mapping, evaluators: Mapping):
         """Mean squared difference of the logarithms of each network and the term or operator it replaces.

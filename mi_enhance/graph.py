@@ -26,6 +26,8 @@ class Node:
         The two operands of an operator, empty for a term.
     symbol : str
         ``"+"`` or ``"*"`` for an operator, empty for a term.
+    inputs : tuple of str, optional
+        Names of the quantities a term depends on; by default the arguments of `fn`. Replacing `fn` keeps them.
     replaced : bool
         True once :meth:`replace` has exchanged `fn`; such a slot prints in brackets.
 
@@ -43,18 +45,19 @@ class Node:
     fn: Callable
     args: tuple[Node, ...] = ()
     symbol: str = ""
+    inputs: tuple[str, ...] | None = None
     replaced: bool = False
+
+    def __post_init__(self):
+        if self.inputs is None:
+            names = () if self.args else tuple(inspect.signature(self.fn).parameters)
+            object.__setattr__(self, "inputs", names)
 
     def __add__(self, other: Node) -> Node:
         return _join("+", operator.add, self, other)
 
     def __mul__(self, other: Node) -> Node:
         return _join("*", operator.mul, self, other)
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the quantities an original term asks for (empty for operators)."""
-        return () if self.args else tuple(inspect.signature(self.fn).parameters)
 
     def __call__(self, record: Mapping):
         """Evaluate on `record`, a mapping from quantity names to values.

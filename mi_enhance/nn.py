@@ -68,6 +68,31 @@ def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator) -> MLP
     return MLP(tuple(layers), n_folded)
 
 
+def _split(mlp: MLP) -> list[np.ndarray]:
+    """Weights in storage order; the folded and the varying part of the first matrix are apart, so each is contiguous."""
+    (w, b), *rest = mlp.layers
+    return [w[:, : mlp.n_folded], w[:, mlp.n_folded :], b, *(v for layer in rest for v in layer)]
+
+
+def flatten(networks: dict[str, MLP]) -> np.ndarray:
+    """All weights as one float32 vector."""
+    return np.concatenate([np.zeros(0, np.float32), *(v.ravel() for mlp in networks.values() for v in _split(mlp))])
+
+
+def unflatten(networks: dict[str, MLP], flat: np.ndarray) -> dict[str, MLP]:
+    """Networks of the same shapes as `networks` with the weights of :func:`flatten`."""
+    offset, result = 0, {}
+    for slot, mlp in networks.items():
+        parts = []
+        for v in _split(mlp):
+            parts.append(flat[offset : offset + v.size].reshape(v.shape).astype(np.float32))
+            offset += v.size
+        folded, varying, bias, *rest = parts
+        first = np.concatenate([folded, varying], axis=1), bias
+        result[slot] = MLP((first, *zip(rest[::2], rest[1::2], strict=True)), mlp.n_folded)
+    return result
+
+
 def _affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
     """W x + b with the entries of `w` written as literals into the trace."""
     out = []
@@ -186,9 +211,8 @@ class Trainable:
         for slot, mlp in networks.items():
             self._slots[slot] = _TrainableSlot(self, mlp, offset)
             offset += mlp.n_weights
-        flat = [v.ravel() for mlp in networks.values() for v in _split(mlp)]
         # Attached: gradients are wanted. With detached weights the networks only pass gradients on to their inputs.
-        self.weights = mi.Float(np.concatenate(flat) if flat else np.zeros(1, np.float32))
+        self.weights = mi.Float(flatten(networks)) if networks else dr.zeros(mi.Float, 1)
         dr.enable_grad(self.weights)
 
     def __getitem__(self, slot: str) -> _TrainableSlot:
@@ -196,17 +220,7 @@ class Trainable:
 
     def networks(self) -> dict[str, MLP]:
         """The current weights as plain arrays."""
-        flat, offset, result = np.array(dr.detach(self.weights)), 0, {}
-        for slot, mlp in self._networks.items():
-            parts = []
-            for v in _split(mlp):
-                parts.append(flat[offset : offset + v.size].reshape(v.shape).astype(np.float32))
-                offset += v.size
-            w = np.concatenate(parts[:2], axis=1)
-            rest = parts[3:]
-            layers = [(w, parts[2]), *zip(rest[::2], rest[1::2], strict=True)]
-            result[slot] = MLP(tuple(layers), mlp.n_folded)
-        return result
+        return unflatten(self._networks, np.array(dr.detach(self.weights)))
 
     def gradient(self) -> mi.Float:
         """Gradient of the flat weight vector, from all backward passes since the last call.
@@ -222,12 +236,6 @@ class Trainable:
                 _accumulate(result, dr.matmul(z, dr.ones(mi.TensorXf, (z.shape[0], 1)), At=True), b_offset)
         self._pending = []
         return result
-
-
-def _split(mlp: MLP) -> list[np.ndarray]:
-    """Weights in storage order; the folded and the varying part of the first matrix are apart, so each is contiguous."""
-    (w, b), *rest = mlp.layers
-    return [w[:, : mlp.n_folded], w[:, mlp.n_folded :], b, *(v for layer in rest for v in layer)]
 
 
 def _accumulate(target: mi.Float, value: mi.TensorXf, offset: int):

@@ -22,6 +22,8 @@ from .data._io import replacing
 from .data.sampling import sample_pairs
 from .data.training import TrainingSet, build
 from .enhance import EnhancedBRDF, enhance
+from .fit import fit_analytic
+from .objective import Objective
 
 DEFAULTS = {
     "model": "ggx",
@@ -35,11 +37,13 @@ DEFAULTS = {
     "batch": 64,  # samples per material and step
     "steps": 10000,
     "imitation_steps": 1000,
-    "lr": 3e-3,  # of the weights; both rates fall to 1 % along a cosine
+    "lr": 2e-3,  # of the weights; both rates fall to 1 % along a cosine
     "lr_parameters": 1e-2,
     "seed": 0,
 }
 _CHECKPOINT_EVERY = 500  # steps
+_START_SAMPLES = 1024  # per material, for the analytic fit that training starts from
+_WARM_UP = 200  # steps in which the rates rise: Adam's first steps, before its moments mean anything, can kill a lobe
 
 
 class Trainer:
@@ -51,23 +55,23 @@ class Trainer:
     samples : TrainingSet
     config : dict
         As :data:`DEFAULTS`.
+    start : array (M, n_parameters)
+        Parameters of the materials to start from.
     """
 
-    def __init__(self, brdf: EnhancedBRDF, samples: TrainingSet, config: dict):
+    def __init__(self, brdf: EnhancedBRDF, samples: TrainingSet, config: dict, start: np.ndarray):
         self.brdf, self.config, self.samples = brdf, config, samples
         self.n_materials = len(samples.names)
         self.step = 0
         self.trainable = nn.Trainable(brdf.networks)
         self._data = [mi.Float(row) for row in samples.samples]
-        space = parameters.Space(brdf.parameters)
-        self._space = space
-        start = space.to(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)))
+        self._space = space = parameters.Space(brdf.parameters)
         repeat = lambda v: mi.Float(np.repeat(v, self.n_materials).astype(np.float32))  # noqa: E731
         self._low, self._high = repeat(space.low), repeat(space.high)
         self.optimizer = Adam(lr=config["lr"])
         self.optimizer["weights"] = self.trainable.weights
         # all parameters of all materials, parameter after parameter, in the space that is optimised (log alpha)
-        self.optimizer["parameters"] = repeat(start)
+        self.optimizer["parameters"] = mi.Float(space.to(start).T.ravel().astype(np.float32))
 
     def _indices(self) -> mi.UInt32:
         """A run of consecutive samples of every material, from a random place; they are in random order anyway."""
@@ -78,38 +82,24 @@ class Trainer:
         offset = dr.select(offset >= total, offset - total, offset)
         return offset + total * dr.repeat(dr.arange(mi.UInt32, self.n_materials), n)
 
-    def gradients(self) -> tuple[mi.Float, mi.Float, mi.Float]:
-        """Loss on the next batch (eq. 1), gradient of the weights, gradient of the parameters."""
+    def gradients(self) -> tuple[np.ndarray, mi.Float, mi.Float]:
+        """Loss per material on the next batch (eq. 1), gradient of the weights, gradient of the parameters."""
         n = self.config["batch"]
         index = self._indices()
-        wi_x, wi_y, wi_z, wo_x, wo_y, wo_z, *f = (dr.gather(mi.Float, row, index) for row in self._data)
+        rows = [dr.gather(mi.Float, row, index) for row in self._data]
+        wi, wo, f = mi.Vector3f(*rows[:3]), mi.Vector3f(*rows[3:6]), mi.Color3f(*rows[6:])
+        objective = Objective(self.brdf, wi, wo, f, n, self.trainable)
         flat = mi.Float(dr.detach(self.optimizer["parameters"]))
         dr.enable_grad(flat)
-        lane = dr.arange(mi.UInt32, self.n_materials)
-        u = [dr.gather(mi.Float, flat, lane + k * self.n_materials) for k in range(self.brdf.n_parameters)]
-        params = parameters.unflatten(self.brdf.parameters, self._space.back(u))
-        folded = self.brdf.fold(params, self.trainable)
-        # What belongs to a material becomes N lanes wide by hand, so that its gradient is summed in one go below.
-        per_material = [*_arrays(params), *(v for bias in folded.values() for v in bias)]
-        lanes = [dr.repeat(dr.detach(v), n) for v in per_material]
-        dr.enable_grad(lanes)
-        rest = iter(lanes)
-        wide = _like(params, rest)
-        wide_folded = {slot: [next(rest) for _ in bias] for slot, bias in folded.items()}
-        wi, wo = mi.Vector3f(wi_x, wi_y, wi_z), mi.Vector3f(wo_x, wo_y, wo_z)
-        value = self.brdf(wi, wo, wide, self.trainable, wide_folded)
-        error = dr.abs(dr.log(1 + mi.Color3f(*f) * wo_z) - dr.log(1 + value * wo_z))
-        error = (error.x + error.y + error.z) / 3
-        _backward(error, 1 / len(index))
-        wide_gradient = dr.grad(lanes)
-        dr.eval(dr.detach(error), wide_gradient)
-        _backward(per_material, [dr.block_sum(g, n) for g in wide_gradient])
-        return dr.mean(dr.detach(error)), self.trainable.gradient(), dr.grad(flat)
+        loss, gradient = objective.gradient(flat)
+        weights = self.trainable.gradient()
+        return np.array(dr.block_sum(loss, n), np.float64) / n, weights, gradient
 
-    def advance(self) -> float:
-        """Take one step and return the loss before it."""
+    def advance(self) -> np.ndarray:
+        """Take one step and return the loss of every material before it."""
         loss, weights, params = self.gradients()
         fall = 0.01 + 0.99 * 0.5 * (1 + np.cos(np.pi * min(self.step / self.config["steps"], 1)))
+        fall *= min(1, (self.step + 1) / _WARM_UP)
         rates = {"weights": self.config["lr"], "parameters": self.config["lr_parameters"]}
         self.optimizer.set_learning_rate({key: float(rate * fall) for key, rate in rates.items()})
         for key, gradient in (("weights", weights), ("parameters", params)):
@@ -119,7 +109,7 @@ class Trainer:
         self.optimizer["parameters"] = clipped
         self.trainable.weights = self.optimizer["weights"]
         self.step += 1
-        return float(loss[0])
+        return loss
 
     def result(self) -> EnhancedBRDF:
         """The BRDF with the current weights."""
@@ -146,35 +136,9 @@ class Trainer:
             for key in ("weights", "parameters"):
                 self.optimizer[key] = mi.Float(stored[key])
                 value, promoted, rate, _ = self.optimizer.state[key]
-                moments = mi.Float(stored[f"{key}_m"]), mi.Float(stored[f"{key}_v"])
-                extra = (int(stored[f"{key}_t"]), *(dr.detach(m, preserve_type=False) for m in moments), None)
-                self.optimizer.state[key] = value, promoted, rate, extra
+                state = mi.UInt32(stored[f"{key}_t"]), mi.Float(stored[f"{key}_m"]), mi.Float(stored[f"{key}_v"]), None
+                self.optimizer.state[key] = value, promoted, rate, state
         self.trainable.weights = self.optimizer["weights"]
-
-
-def _backward(variables, gradients) -> None:
-    """Propagate given gradients of `variables`."""
-    dr.set_grad(variables, gradients)
-    dr.enqueue(dr.ADMode.Backward, variables)
-    dr.traverse(dr.ADMode.Backward)
-
-
-def _arrays(params: dict) -> Iterator[mi.Float]:
-    """All arrays of a parameter dictionary, colours and lists taken apart."""
-    for v in params.values():
-        yield from [v] if isinstance(v, mi.Float) else v
-
-
-def _like(params: dict, arrays: Iterator[mi.Float]) -> dict:
-    """A parameter dictionary of the same form with other arrays."""
-    result = {}
-    for name, v in params.items():
-        if isinstance(v, mi.Float):
-            result[name] = next(arrays)
-        else:
-            parts = [next(arrays) for _ in v]
-            result[name] = mi.Color3f(*parts) if isinstance(v, mi.Color3f) else parts
-    return result
 
 
 def imitate(brdf: EnhancedBRDF, *, steps: int = 1000, batch: int = 8192, seed: int = 0, lr: float = 5e-3) -> EnhancedBRDF:
@@ -270,19 +234,21 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
         config["model"], config["replace"], n_latent=config["n_latent"], hidden=config["hidden"],
         inputs=config["inputs"], seed=config["seed"],
     )
-    if not checkpoint.exists():
-        brdf = imitate(brdf, steps=config["imitation_steps"], seed=config["seed"])
-    trainer = Trainer(brdf, samples, config)
     if checkpoint.exists():
+        trainer = Trainer(brdf, samples, config, np.ones((len(samples.names), brdf.n_parameters)))
         trainer.resume(checkpoint)
+    else:
+        brdf = imitate(brdf, steps=config["imitation_steps"], seed=config["seed"])
+        trainer = Trainer(brdf, samples, config, _analytic(brdf, samples))
     start, first, losses = time.perf_counter(), trainer.step, []
     for _ in (steps := bar(range(trainer.step, config["steps"]), desc="train")):
         losses.append(trainer.advance())
         if trainer.step % _CHECKPOINT_EVERY == 0 or trainer.step == config["steps"]:
             mean = float(np.mean(losses))
             seconds = time.perf_counter() - start
+            record = {"step": trainer.step, "loss": mean, **_by_kind(samples.kinds, np.mean(losses, 0))}
             with open(folder / "curve.jsonl", "a") as curve:
-                curve.write(json.dumps({"step": trainer.step, "loss": mean, "seconds": round(seconds, 1)}) + "\n")
+                curve.write(json.dumps({**record, "seconds": round(seconds, 1)}) + "\n")
             if progress:
                 steps.set_postfix(loss=f"{mean:.5f}", samples=f"{_rate(trainer, first, seconds):.2f} M/s")
             trainer.save(checkpoint)
@@ -290,6 +256,22 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
             if callback:
                 callback(trainer)
     return trainer
+
+
+def _analytic(brdf: EnhancedBRDF, samples: TrainingSet) -> np.ndarray:
+    """Where the materials start: the best fit of the analytic model, latent numbers at their initial value."""
+    m = len(samples.names)
+    rows = samples.samples.reshape(9, m, samples.n_samples)[:, :, :_START_SAMPLES].reshape(9, -1).copy()
+    wi, wo, f = mi.Vector3f(rows[:3]), mi.Vector3f(rows[3:6]), mi.Color3f(rows[6:])
+    analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), wi, wo, f, rows.shape[1] // m)
+    start = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (m, 1))
+    start[:, : analytic.shape[1]] = analytic
+    return start
+
+
+def _by_kind(kinds: list[str], losses: np.ndarray) -> dict[str, float]:
+    """Mean loss of each kind of material: noisy ones hide what happens to the others."""
+    return {kind: float(losses[np.array(kinds) == kind].mean()) for kind in sorted(set(kinds))}
 
 
 def _rate(trainer: Trainer, first: int, seconds: float) -> float:

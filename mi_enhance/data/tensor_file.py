@@ -6,6 +6,8 @@ Both the measured files of RGL and the materials of this package use the contain
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 import os
 import struct
@@ -92,3 +94,19 @@ def fields(path, where):
 def values(path, field):
     """The numbers of one checked field."""
     return np.fromfile(path, field.dtype, math.prod(field.shape), offset=field.offset).reshape(field.shape)
+
+
+def write(path, tensors):
+    """Write a tensor file with Mitsuba's own writer.
+
+    Parameters
+    ----------
+    path : str or Path
+    tensors : dict
+        Name -> array, or str for a text.
+    """
+    import mitsuba as mi
+
+    # The writer prints a line of its own; a program that prints JSON to standard output has no use for it.
+    with contextlib.redirect_stdout(io.StringIO()):
+        mi.tensor_io.write(str(path), **tensors)

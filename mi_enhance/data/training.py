@@ -38,7 +38,8 @@ class TrainingSet:
 
     Parameters
     ----------
-    names : list of M str
+    names, kinds : list of M str
+        Materials, and the source kind each came from.
     samples : array (9, M * S), float32
         Rows wi (3), wo (3), f (3); the samples of a material are consecutive and in random order.
     n_samples : int
@@ -46,6 +47,7 @@ class TrainingSet:
     """
 
     names: list[str]
+    kinds: list[str]
     samples: np.ndarray
     n_samples: int
 
@@ -81,12 +83,14 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
     ValueError
         For an unknown ``kind``; the message lists the choices.
     """
-    key = json.dumps([1, sources, n_samples, seed], sort_keys=True)
+    key = json.dumps([2, sources, n_samples, seed], sort_keys=True)
     file = Path(cache) / f"training-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
     if file.exists():
         with np.load(file, allow_pickle=False) as stored:
-            return TrainingSet(stored["names"].tolist(), stored["samples"], n_samples)
-    jobs = [job for k, source in enumerate(sources) for job in _jobs(source, n_samples, seed + 1000 * k)]
+            return TrainingSet(stored["names"].tolist(), stored["kinds"].tolist(), stored["samples"], n_samples)
+    per_source = [_jobs(source, n_samples, seed + 1000 * k) for k, source in enumerate(sources)]
+    kinds = [source["kind"] for source, jobs in zip(sources, per_source, strict=True) for _ in jobs]
+    jobs = [job for some in per_source for job in some]
     samples = np.empty((9, len(jobs) * n_samples), np.float32)
     names = []
     for k, job in enumerate(progress(jobs)):
@@ -95,8 +99,8 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
         samples[:, k * n_samples : (k + 1) * n_samples] = np.concatenate([m.wi, m.wo, m.f], axis=1).T
     file.parent.mkdir(parents=True, exist_ok=True)
     with replacing(file) as temporary:
-        np.savez(temporary, names=np.array(names), samples=samples)
-    return TrainingSet(names, samples, n_samples)
+        np.savez(temporary, names=np.array(names), kinds=np.array(kinds), samples=samples)
+    return TrainingSet(names, kinds, samples, n_samples)
 
 
 def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:

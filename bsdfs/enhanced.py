@@ -1,0 +1,250 @@
+r"""
+.. _bsdf-enhanced:
+
+Enhanced analytical BRDF (:monosp:`enhanced`)
+---------------------------------------------
+
+.. pluginparameters::
+
+ * - filename
+   - |string|
+   - A material written by ``mi-enhance fit`` or ``Material.save()``. Relative paths are looked up beside the scene.
+
+ * - rho_d, rho_s
+   - |spectrum| or |texture|
+   - Diffuse and specular albedo, instead of the file's.
+   - |exposed|, |differentiable|
+
+ * - alpha_x, alpha_y, F0, n_x, n_y, t_theta
+   - |float| or |texture|
+   - Roughness along tangent and bitangent, reflectance at normal incidence, tilt of the normal, rotation of the tangent
+     (radians), instead of the file's.
+   - |exposed|, |differentiable|
+
+ * - latent
+   - |exposed|, |differentiable|
+   - The neural parameters; from the file only.
+
+An analytic reflectance model, some of whose terms or operators are small neural networks, fitted to a measured material.
+
+.. tabs::
+    .. code-tab:: xml
+
+        <bsdf type="enhanced">
+            <string name="filename" value="gold.bsdf"/>
+            <rgb name="rho_d" value="0.2, 0.1, 0"/>   <!-- optional: edits the material -->
+        </bsdf>
+
+    .. code-tab:: python
+
+        'type': 'enhanced',
+        'filename': 'gold.bsdf'
+
+One-sided, like all opaque BSDFs of Mitsuba; wrap it in ``twosided`` if needed. Works in every JIT variant; the networks
+see RGB parameters in all of them, colour enters through rho_d and rho_s. In spectral variants RGB values are upsampled as
+Mitsuba does it. Sampling: visible GGX normals and cosine, exact density. Weights are constants of the compiled function;
+what belongs to a material is data, so materials of one network share that function. Reference: Shen et al., *Neural
+Enhancement of Analytical Appearance Models*.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from mi_enhance import nn, parameters, sampling
+from mi_enhance.material import Material
+
+_COLOURS = ("rho_d", "rho_s")
+# Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
+_RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
+
+
+class Enhanced(mi.BSDF):
+    """The mi.BSDF adapter of a :class:`mi_enhance.Material`; see the module's text for its parameters."""
+
+    def __init__(self, props: mi.Properties):
+        super().__init__(props)
+        self.m_material = _material(props)
+        self.m_brdf = self.m_material.brdf
+        self.m_evaluators = self.m_brdf.evaluators(
+            nn.Cooperative if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else nn.Baked
+        )
+        self.m_values, self.m_textures = {}, {}
+        for p in self.m_brdf.parameters:
+            self._read(props, p)
+        self.m_lobe_albedo = mi.Float(self.m_material.lobe_albedo)
+        varying = mi.BSDFFlags.SpatiallyVarying if self.m_textures else mi.BSDFFlags.Empty
+        self.m_components = [
+            mi.BSDFFlags.DiffuseReflection
+            | mi.BSDFFlags.GlossyReflection
+            | mi.BSDFFlags.Anisotropic
+            | mi.BSDFFlags.FrontSide
+            | varying
+        ]
+        self.m_flags = self.m_components[0]
+        self._update()
+
+    def _read(self, props: mi.Properties, p: parameters.Parameter) -> None:
+        """Take a parameter from the scene, else from the file."""
+        value = self.m_material.params[p.name]
+        if props.has_property(p.name) and p.name != "latent":
+            given = props[p.name]
+            if isinstance(given, mi.Texture):
+                self.m_textures[p.name] = props.get_unbounded_texture(p.name)
+                return
+            numbers = np.atleast_1d(np.asarray(given, np.float64)).ravel()
+            where = f'bsdf "enhanced" ("{self.id()}")'
+            value = parameters.check([p], {p.name: numbers}, where)[p.name]
+        self.m_values[p.name] = mi.Color3f(value) if p.size == 3 else mi.Float(value)
+
+    # ------------------------------------------------------------------ parameters
+
+    def traverse(self, cb):
+        for name, value in self.m_values.items():
+            cb.put(name, value, mi.ParamFlags.Differentiable)
+        for name, texture in self.m_textures.items():
+            cb.put(name, texture, mi.ParamFlags.Differentiable)
+
+    def parameters_changed(self, keys=()):
+        self._update()
+
+    def _update(self) -> None:
+        """Fold what is constant over the surface into the networks' first layers."""
+        # Opaque: values are data of the compiled function, not part of its code, so materials can share it.
+        dr.make_opaque(self.m_values, self.m_lobe_albedo)
+        self.m_spectra = {}
+        if not mi.is_rgb:
+            for name in _COLOURS:
+                if name in self.m_values:
+                    self.m_spectra[name] = _upsample(self.m_values[name])
+        self.m_folded, self.m_folded_with_grad = None, False
+        if not self.m_textures:
+            self.m_folded = self._fold(self._constants())
+            dr.make_opaque(self.m_folded)
+            self.m_folded_with_grad = dr.grad_enabled(self.m_values)
+
+    def _constants(self) -> dict:
+        values = dict(self.m_values)
+        if "latent" in values:
+            latent = values["latent"]
+            values["latent"] = [dr.gather(mi.Float, latent, k) for k in range(len(latent))]
+        return values
+
+    def _fold(self, params: dict) -> dict:
+        return self.m_brdf.fold(params, self.m_evaluators)
+
+    def _prepare(self, si: mi.SurfaceInteraction3f, active) -> tuple[dict, dict]:
+        """Parameters at the hit point, with RGB colours, and what is folded of them."""
+        params = self._constants()
+        for name, texture in self.m_textures.items():
+            params[name] = _rgb(texture, si, active) if name in _COLOURS else texture.eval_1(si, active)
+        if "alpha_x" in self.m_textures or "alpha_y" in self.m_textures:
+            # A texture may hold anything: outside of (0, 1] the distribution is undefined.
+            for name in ("alpha_x", "alpha_y"):
+                params[name] = dr.clip(params[name], 1e-4, 1)
+        folded = self.m_folded
+        # Gradients were switched on after the last update: what is folded does not know of them.
+        if folded is None or dr.grad_enabled(self.m_values) != self.m_folded_with_grad:
+            folded = self._fold(params)
+        return params, folded
+
+    def _spectral(self, params: dict, si: mi.SurfaceInteraction3f, active) -> dict:
+        """The parameters with colours in the representation of the variant."""
+        if mi.is_rgb:
+            return params
+        colours = {}
+        for name in _COLOURS:
+            if name in self.m_textures:
+                colours[name] = self.m_textures[name].eval(si, active)
+            elif name in self.m_spectra:
+                texture, scale = self.m_spectra[name]
+                colours[name] = texture.eval(si, active) * scale
+        return {**params, **colours}
+
+    # ------------------------------------------------------------------ evaluation
+
+    def _active(self, ctx, si, active):
+        if not any(ctx.is_enabled(f, 0) for f in (mi.BSDFFlags.DiffuseReflection, mi.BSDFFlags.GlossyReflection)):
+            return mi.Mask(False)
+        return mi.Mask(active) & (mi.Frame3f.cos_theta(si.wi) > 0)
+
+    def _eval(self, si, wo, params, folded, active):
+        value = self.m_brdf(si.wi, wo, self._spectral(params, si, active), self.m_evaluators, folded)
+        return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
+
+    def _pdf(self, si, wo, params, active):
+        share = sampling.specular_share(params, self.m_lobe_albedo)
+        return dr.select(active, sampling.pdf(si.wi, wo, params, share), 0)
+
+    def eval(self, ctx, si, wo, active=True):
+        active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
+        params, folded = self._prepare(si, active)
+        return mi.Spectrum(self._eval(si, wo, params, folded, active))
+
+    def pdf(self, ctx, si, wo, active=True):
+        active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
+        return self._pdf(si, wo, self._prepare(si, active)[0], active)
+
+    def eval_pdf(self, ctx, si, wo, active=True):
+        active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
+        params, folded = self._prepare(si, active)
+        return mi.Spectrum(self._eval(si, wo, params, folded, active)), self._pdf(si, wo, params, active)
+
+    def sample(self, ctx, si, sample1, sample2, active=True):
+        active = self._active(ctx, si, active)
+        params, folded = self._prepare(si, active)
+        share = sampling.specular_share(params, self.m_lobe_albedo)
+        bs = mi.BSDFSample3f()
+        bs.wo = sampling.sample(si.wi, params, share, sample1, sample2)
+        active &= mi.Frame3f.cos_theta(bs.wo) > 0
+        bs.pdf = dr.select(active, sampling.pdf(si.wi, bs.wo, params, share), 0)
+        active &= bs.pdf > 0
+        bs.eta = 1
+        bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))
+        bs.sampled_component = mi.UInt32(0)
+        value = self._eval(si, bs.wo, params, folded, active)
+        return bs, mi.Spectrum(dr.select(active, value / bs.pdf, 0))
+
+    def eval_diffuse_reflectance(self, si, active=True):
+        """Albedo of the diffuse term: pi M."""
+        params, folded = self._prepare(si, active)
+        params = self._spectral(params, si, active)
+        up = mi.Vector3f(0, 0, 1)
+        graph, record, _ = self.m_brdf.prepare(up, up, params, self.m_evaluators, folded)
+        return mi.Spectrum(graph.find("M")(record) * dr.pi)
+
+    def to_string(self):
+        lines = self.m_material.show().splitlines()
+        return "Enhanced[\n  " + "\n  ".join(lines) + "\n]"
+
+
+def _material(props: mi.Properties) -> Material:
+    """From a file, or from the arrays of ``Material.to_dict()``."""
+    if props.has_property("filename"):
+        if props.has_property("weights"):
+            raise ValueError('bsdf "enhanced": give filename or weights, not both.')
+        return Material.load(str(mi.file_resolver().resolve(props["filename"])))
+    if not props.has_property("description"):
+        raise ValueError('bsdf "enhanced": the parameter "filename" is missing. Name a file made by mi-enhance fit.')
+    return Material.from_arrays(props["description"], props["params"], props["weights"])
+
+
+def _rgb(texture: mi.Texture, si: mi.SurfaceInteraction3f, active) -> mi.Color3f:
+    """A textured colour as RGB, which is what the networks were trained on."""
+    if mi.is_rgb:
+        return mi.Color3f(texture.eval(si, active))
+    if mi.is_monochromatic:
+        return mi.Color3f(texture.eval(si, active).x)
+    at = mi.SurfaceInteraction3f(si)
+    at.wavelengths = type(si.wavelengths)(*_RGB_WAVELENGTHS, _RGB_WAVELENGTHS[1])
+    return mi.Color3f(*list(texture.eval(at, active))[:3])
+
+
+def _upsample(rgb: mi.Color3f) -> tuple[mi.Texture, float]:
+    """A colour as a texture of the active variant and a factor; Mitsuba upsamples reflectances, at most 1."""
+    value = [float(rgb[k][0]) for k in range(3)]
+    scale = max(1.0, *value)
+    texture = mi.load_dict({"type": "rgb", "value": [v / scale for v in value]})
+    return texture, scale

@@ -1,0 +1,216 @@
+"""Fitting one material to measurements: the weights stay, the parameters move (paper, section 5.1)."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import levenberg, parameters, sampling
+from .data import Measurements
+from .enhance import EnhancedBRDF
+from .material import Material
+from .objective import Objective
+
+METHODS = ("lm", "rmsprop")
+
+# Roughness that an analytic fit starts from: the loss has a local minimum for each lobe width it can explain.
+_START_ALPHA = (0.02, 0.06, 0.15, 0.3, 0.5, 0.8)
+_SUBSET = 4096  # samples of the search for the right minimum
+_NEAREST = 7  # training materials to start from, besides the analytic fit
+_POLISHED = 2  # best minima that are polished on all samples
+
+
+def fit(
+    material: Material,
+    measurements: Measurements,
+    *,
+    method: str = "lm",
+    seed: int = 0,
+    callback: Callable | None = None,
+) -> Material:
+    """Fit the parameters of a material, and of its analytic ancestor, to measurements.
+
+    Parameters
+    ----------
+    material : Material
+        A network (``Material.network("ggx")``), an analytic model (``Material.analytic("ggx")``), or a fitted material,
+        whose parameters then are one more start.
+    measurements : Measurements
+        From :func:`mi_enhance.data.load`.
+    method : {"lm", "rmsprop"}
+        Levenberg-Marquardt from several starts, or the paper's recipe: RMSProp with alpha 0.9, learning rate 1e-3,
+        1,000 epochs of all samples from the default start.
+    seed : int
+        Of the subset that the search for the right minimum uses.
+    callback : callable, optional
+        ``callback(stage, step, loss)`` after every step.
+
+    Returns
+    -------
+    Material
+        With `report`: ``model``, ``log_l1`` (eq. 1, mean over all samples and channels), ``log_l1_analytic`` (the
+        analytic model fitted by the same method), ``seconds`` (of all), ``seconds_analytic``, ``n_samples``,
+        ``n_parameters``, ``clamped_fraction``, ``method``, ``seed``, ``name``, ``source``.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method.
+    RuntimeError
+        If no JIT variant with RGB colours and gradients is active.
+
+    Examples
+    --------
+    >>> from mi_enhance import data
+    >>> m, truth = data.synthetic.ggx_anisotropic(3, n_samples=500, noise=0)
+    >>> fit(Material.analytic("ggx"), m).report["log_l1"] < 1e-3
+    True
+    """
+    if method not in METHODS:
+        raise ValueError(f'fit(): method "{method}" is unknown. Choose one of: {", ".join(METHODS)}.')
+    require_rgb("fit()")
+    callback = callback or (lambda *_: None)
+    start = time.perf_counter()
+    run = _lm if method == "lm" else _rmsprop
+    rng = np.random.default_rng(seed)
+    analytic = EnhancedBRDF(material.brdf.model, {})
+    vector, loss_analytic = run(analytic, measurements, [_given(analytic, material)], rng, callback)
+    seconds_analytic = time.perf_counter() - start
+    loss = loss_analytic
+    if material.brdf.networks:
+        starts = [_given(material.brdf, material), np.append(vector, np.full(material.brdf.n_latent, 0.5))]
+        vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library)
+    report = {
+        "model": str(material.brdf),
+        "log_l1": float(loss),
+        "log_l1_analytic": float(loss_analytic),
+        "seconds": time.perf_counter() - start,
+        "seconds_analytic": seconds_analytic,
+        "n_samples": len(measurements.f),
+        "n_parameters": material.brdf.n_parameters,
+        "clamped_fraction": measurements.clamped_fraction,
+        "method": method,
+        "seed": seed,
+        "name": measurements.name,
+        "source": measurements.source,
+    }
+    values = parameters.unflatten(material.brdf.parameters, vector)
+    fitted = dataclasses.replace(material, params=values, report=report, library=None)
+    return dataclasses.replace(fitted, lobe_albedo=sampling.lobe_albedo(fitted))
+
+
+def require_rgb(where: str) -> None:
+    """Raise unless a variant is active in which RGB parameters can be optimised."""
+    variant = mi.variant() or "none"
+    if not variant.endswith("_rgb") or "_ad_" not in variant:
+        raise RuntimeError(f'{where}: needs an RGB variant with gradients; "{variant}" is active. '
+                           'Call mi.set_variant("llvm_ad_rgb") first.')
+
+
+def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, index=slice(None)) -> Objective:
+    """The loss of `copies` independent parameter sets on the samples `index` of one material."""
+    wi, wo, f = (
+        np.tile(np.ascontiguousarray(a[index].T), copies) for a in (measurements.wi, measurements.wo, measurements.f)
+    )
+    return Objective(brdf, mi.Vector3f(wi), mi.Vector3f(wo), mi.Color3f(f), wi.shape[1] // copies)
+
+
+def analytic_starts(brdf: EnhancedBRDF) -> np.ndarray:
+    """Parameter vectors, (S, P), that between them lead to the minima of an analytic model: several roughnesses."""
+    values = parameters.initial(brdf.parameters)
+    logs = [p.name for p in brdf.parameters if p.log]
+    rows = [{**values, **{name: np.array([alpha]) for name in logs}} for alpha in _START_ALPHA]
+    return np.array([parameters.flatten(brdf.parameters, row) for row in rows])
+
+
+def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:
+    """The parameters the material came with, as far as `brdf` has them."""
+    return parameters.flatten(brdf.parameters, material.params)
+
+
+def _lm(brdf, measurements, starts, rng, callback, library=None) -> tuple[np.ndarray, float]:
+    """Search on a subset from many starts at once, then polish the best on everything."""
+    n = len(measurements.f)
+    stage = "analytic" if not brdf.networks else "enhanced"
+    subset = rng.permutation(n)[:_SUBSET] if n > _SUBSET else np.arange(n)
+    if not brdf.networks:
+        starts = [*starts, *analytic_starts(brdf)]
+    elif library is not None:
+        starts = [*starts, *_nearest(brdf, measurements, library, subset[:1024])]
+    search = objective(brdf, measurements, len(starts), subset)
+    space = search.space
+    u, losses = levenberg.minimize(
+        search.loss, search.normal_equations, space.to(np.array(starts)), space.low, space.high,
+        steps=40, callback=lambda step, best: callback(f"{stage}: search", step, float(best.min())),
+    )  # fmt: skip
+    if n <= _SUBSET:
+        best = int(np.argmin(losses))
+        return space.back(u[best]), losses[best]
+    # One start at a time: all samples of several would only be read from memory, not from the cache.
+    polish = objective(brdf, measurements)
+    results = []
+    for row in u[np.argsort(losses)[:_POLISHED]]:
+        results.append(levenberg.minimize(
+            polish.loss, polish.normal_equations, row[None], space.low, space.high, steps=20, tolerance=1e-3,
+            callback=lambda step, best: callback(f"{stage}: polish", step, float(best.min())),
+        ))  # fmt: skip
+    (u,), (loss,) = min(results, key=lambda r: r[1][0])
+    return space.back(u), loss
+
+
+def _nearest(brdf, measurements, library: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """The training materials that explain the measurements best as they are."""
+    candidates = objective(brdf, measurements, len(library), index)
+    losses = candidates.loss(candidates.space.to(np.asarray(library, np.float64)))
+    return library[np.argsort(losses)[:_NEAREST]]
+
+
+def _rmsprop(brdf, measurements, starts, rng, callback, library=None, epochs: int = 1000) -> tuple[np.ndarray, float]:
+    """The paper's recipe (sections 4.3 and 5.1), in the space in which roughness is a logarithm."""
+    from drjit.opt import RMSProp
+
+    del starts, rng, library  # the paper starts every material from the same values
+    problem = objective(brdf, measurements)
+    first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
+    optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to(first).astype(np.float32))})
+    low, high = (mi.Float(v.astype(np.float32)) for v in (problem.space.low, problem.space.high))
+    for step in range(epochs):
+        flat = mi.Float(dr.detach(optimizer["u"]))
+        dr.enable_grad(flat)
+        loss, gradient = problem.gradient(flat)
+        dr.set_grad(optimizer["u"], gradient)
+        optimizer.step()
+        optimizer["u"] = dr.clip(dr.detach(optimizer["u"]), low, high)
+        if step % 50 == 0:
+            callback("rmsprop", step, float(dr.mean(loss)[0]))
+    u = np.array(dr.detach(optimizer["u"]), np.float64)[None]
+    return problem.space.back(u[0]), float(problem.loss(u)[0])
+
+
+def fit_analytic(brdf: EnhancedBRDF, wi, wo, f, n: int) -> np.ndarray:
+    """Best analytic parameters of B materials at once, (B, P): every start in turn, the best of each material kept.
+
+    Parameters
+    ----------
+    brdf : EnhancedBRDF
+        Without networks.
+    wi, wo, f : Dr.Jit arrays, B * n lanes
+        As :class:`mi_enhance.objective.Objective` takes them.
+    n : int
+        Samples per material.
+    """
+    problem = Objective(brdf, wi, wo, f, n)
+    space, best = problem.space, None
+    for row in analytic_starts(brdf):
+        u = np.tile(space.to(row), (problem.n_problems, 1))
+        u, loss = levenberg.minimize(problem.loss, problem.normal_equations, u, space.low, space.high, steps=30)
+        if best is None:
+            best = u, loss
+        better = loss < best[1]
+        best = np.where(better[:, None], u, best[0]), np.where(better, loss, best[1])
+    return space.back(best[0])

@@ -1,0 +1,269 @@
+"""A material: an enhanced BRDF, its parameters, and a report of how they were found. One file each, no pickle."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from importlib import metadata
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from . import models, nn, parameters
+from ._files import network_file
+from .data import tensor_file
+from .data._io import replacing, require_file
+from .enhance import EnhancedBRDF, enhance
+
+FORMAT = 1  # of the files; a reader refuses what is newer
+_KIND = "mi_enhance material"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Material:
+    """What is saved, loaded, edited, shown and rendered.
+
+    Parameters
+    ----------
+    brdf : EnhancedBRDF
+        Model, state and network weights.
+    params : dict of str to array
+        Parameter values, float64; completed with the starting values if some are left out.
+    report : dict
+        How it was made: errors, seconds, settings. JSON types only.
+    library : array (M, n_parameters), optional
+        Parameters of the training materials: where fits start. Only networks carry one, fitted materials do not.
+    lobe_albedo : float
+        Albedo of the specular lobe for rho_s = 1; decides how often it is sampled, see :mod:`mi_enhance.sampling`.
+
+    Examples
+    --------
+    >>> m = Material.analytic("ggx").edit(rho_d=(0.2, 0.1, 0.0))
+    >>> print(m.brdf, m.params["rho_d"])
+    M + S * D * F * G * 1/E [0.2 0.1 0. ]
+    """
+
+    brdf: EnhancedBRDF
+    params: dict
+    report: dict = dataclasses.field(default_factory=dict)
+    library: np.ndarray | None = None
+    lobe_albedo: float = 0.1
+
+    def __post_init__(self):
+        values = {**parameters.initial(self.brdf.parameters), **self.params}
+        object.__setattr__(self, "params", parameters.check(self.brdf.parameters, values, "Material"))
+
+    # ------------------------------------------------------------------ where they come from
+
+    @staticmethod
+    def analytic(name: str) -> Material:
+        """An analytic model without networks, at its starting values."""
+        return Material(enhance(name, replace=()), {})
+
+    @staticmethod
+    def network(name: str = "ggx") -> Material:
+        """A network shipped with the package, ready to be fitted."""
+        return Material.load(network_file(name))
+
+    # ------------------------------------------------------------------ what one does with them
+
+    def edit(self, **values) -> Material:
+        """A copy with other parameter values.
+
+        Parameters
+        ----------
+        **values
+            By name, e.g. ``rho_d=(0.2, 0.1, 0.0)``, ``alpha_x=0.1``; a single number fills a colour.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name, a wrong length or a value out of range.
+        """
+        changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
+        return dataclasses.replace(self, params=changed)
+
+    def show(self) -> str:
+        """A text: equation, parameters, report."""
+        lines = [str(self.brdf)]
+        for p in self.brdf.parameters:
+            lines.append(f"  {p.name:<8} {' '.join(f'{v:.4g}' for v in self.params[p.name])}")
+        lines.append(
+            f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
+            f"inputs: {self.brdf.inputs}"
+        )
+        for key, value in self.report.items():
+            if isinstance(value, (int, float, str)):
+                lines.append(f"  {key}: {value:.6g}" if isinstance(value, float) else f"  {key}: {value}")
+        return "\n".join(lines)
+
+    @property
+    def n_bytes(self) -> int:
+        """Bytes that belong to this material alone, as float32; the weights are shared."""
+        return 4 * self.brdf.n_parameters
+
+    def vector(self) -> np.ndarray:
+        """All parameters in order, float64."""
+        return parameters.flatten(self.brdf.parameters, self.params)
+
+    def evaluate(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        """Reflectance f_r in 1/sr without the cosine.
+
+        Parameters
+        ----------
+        wi, wo : array (N, 3)
+            Unit vectors towards viewer and light.
+
+        Returns
+        -------
+        array (N, 3)
+            Linear RGB; 0 below the horizon.
+        """
+        wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
+        values = [mi.Float(float(v)) for v in self.vector()]
+        return np.array(self.brdf(wi, wo, parameters.unflatten(self.brdf.parameters, values))).T
+
+    def bsdf(self) -> mi.BSDF:
+        """The Mitsuba BSDF, straight from memory; the same as saving and loading by ``filename``."""
+        return mi.load_dict(self.to_dict())
+
+    def to_dict(self) -> dict:
+        """The dictionary that ``mi.load_dict`` takes, to be placed in a scene."""
+        return {
+            "type": "enhanced",
+            "description": json.dumps(self._description()),
+            "params": mi.Float(self.vector().astype(np.float32)),
+            "weights": mi.Float(nn.flatten(self.brdf.networks)),
+        }
+
+    # ------------------------------------------------------------------ files
+
+    def save(self, path: str | Path) -> None:
+        """Write one self-contained ``.bsdf`` file: Mitsuba's tensor container with a JSON description.
+
+        Parameters
+        ----------
+        path : str or Path
+            Replaced as a whole or not at all.
+        """
+        tensors = {"params": self.vector().astype(np.float32)}
+        for slot, mlp in self.brdf.networks.items():
+            for k, (w, b) in enumerate(mlp.layers):
+                tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
+        if self.library is not None:
+            tensors["library"] = self.library.astype(np.float32)
+        with replacing(path) as temporary:
+            tensor_file.write(temporary, {"description": json.dumps(self._description()), **tensors})
+
+    @staticmethod
+    def load(path: str | Path) -> Material:
+        """Read a material or a network.
+
+        Raises
+        ------
+        FileNotFoundError, ValueError
+            If the file is missing, damaged, newer than this package, or of another kind (such as a measured file).
+        """
+        where = f'Material.load("{path}")'
+        file = require_file(path, where)
+        fields = tensor_file.fields(file, where)
+        if "params" not in fields or "description" not in fields:
+            if {"rgb", "spectra", "theta_i"} & set(fields):
+                raise ValueError(
+                    f"{where}: this is a measured RGL file, not a material of mi_enhance. Fit it first: "
+                    f"mi-enhance fit {path} -o material.bsdf"
+                )
+            raise ValueError(f"{where}: not a material of mi_enhance: it has no params and description. Got: {list(fields)}.")
+        arrays = {name: tensor_file.values(file, f) for name, f in fields.items()}
+        for name, array in arrays.items():
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                raise ValueError(f"{where}: {name} holds NaN or infinity. Save the material again.")
+        description = _read_description(arrays["description"].tobytes(), where)
+        template = _template(description, where)
+        networks = {}
+        for slot, mlp in template.networks.items():
+            layers = []
+            for k, (w, b) in enumerate(mlp.layers):
+                names = f"{slot}.layers.{k}.weights", f"{slot}.layers.{k}.bias"
+                for name, expected in zip(names, (w, b), strict=True):
+                    if name not in arrays or arrays[name].shape != expected.shape:
+                        got = arrays[name].shape if name in arrays else "nothing"
+                        raise ValueError(f"{where}: {name} should have shape {expected.shape}; got {got}. Save it again.")
+                layers.append(tuple(arrays[name].astype(np.float32) for name in names))
+            networks[slot] = nn.MLP(tuple(layers), mlp.n_folded)
+        brdf = dataclasses.replace(template, networks=networks)
+        library = arrays.get("library")
+        return _assemble(brdf, arrays["params"], description, where, library)
+
+    @staticmethod
+    def from_arrays(description: str, params, weights) -> Material:
+        """Rebuild what :meth:`to_dict` took apart."""
+        where = 'bsdf "enhanced"'
+        parsed = _read_description(description.encode(), where)
+        template = _template(parsed, where)
+        flat = np.asarray(weights, np.float32).ravel()
+        if len(flat) != template.n_weights:
+            raise ValueError(f"{where}: {len(flat)} weights given, {template.n_weights} expected for {template}.")
+        brdf = dataclasses.replace(template, networks=nn.unflatten(template.networks, flat))
+        return _assemble(brdf, np.asarray(params), parsed, where, None)
+
+    def _description(self) -> dict:
+        brdf = self.brdf
+        return {
+            "kind": _KIND,
+            "format": FORMAT,
+            "equation": str(brdf),
+            "model": brdf.model.name,
+            "replace": list(brdf.networks),
+            "hidden": list(next(iter(brdf.networks.values())).sizes[1:-1]) if brdf.networks else [],
+            "n_latent": brdf.n_latent,
+            "inputs": brdf.inputs,
+            "parameters": [[p.name, p.size] for p in brdf.parameters],
+            "lobe_albedo": self.lobe_albedo,
+            "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
+            "report": self.report,
+        }
+
+
+def _read_description(text: bytes, where: str) -> dict:
+    try:
+        description = json.loads(text)
+        kind, version = description["kind"], description["format"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(f"{where}: its description is not one of a material of mi_enhance ({error!r}).") from error
+    if kind != _KIND or not isinstance(version, int):
+        raise ValueError(f'{where}: its description says kind "{kind}"; "{_KIND}" is needed.')
+    if version > FORMAT:
+        raise ValueError(f"{where}: file format {version} is newer than this package reads ({FORMAT}). Upgrade mi_enhance.")
+    return description
+
+
+def _template(description: dict, where: str) -> EnhancedBRDF:
+    """The BRDF that a description stands for, with arbitrary weights: it knows every shape."""
+    try:
+        hidden = [int(n) for n in description["hidden"]]
+        if any(not 0 < n <= 1024 for n in hidden) or not 0 <= description["n_latent"] <= 1024:
+            raise ValueError(f"hidden layers {hidden} or n_latent {description['n_latent']} out of [1, 1024]")
+        return enhance(
+            models.get(description["model"]),
+            description["replace"],
+            n_latent=description["n_latent"],
+            hidden=hidden or nn.HIDDEN,
+            inputs=description["inputs"],
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{where}: its description cannot be understood: {error}.") from error
+
+
+def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: str, library) -> Material:
+    if params.shape != (brdf.n_parameters,):
+        raise ValueError(f"{where}: params has shape {params.shape}; ({brdf.n_parameters},) is needed for {brdf}.")
+    if library is not None and (library.ndim != 2 or library.shape[1] != brdf.n_parameters):
+        raise ValueError(f"{where}: library has shape {library.shape}; (M, {brdf.n_parameters}) is needed.")
+    values = parameters.unflatten(brdf.parameters, params.astype(np.float64))
+    parameters.check(brdf.parameters, values, where)
+    lobe_albedo = description.get("lobe_albedo")
+    if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < np.inf:
+        raise ValueError(f"{where}: lobe_albedo must be a number of at least 0; got {lobe_albedo!r}. Save it again.")
+    return Material(brdf, values, description.get("report", {}), library, float(lobe_albedo))

@@ -1,0 +1,208 @@
+"""The paper's loss (eq. 1) of many materials at once: values, gradients, Gauss-Newton normal equations.
+
+A *problem* is one material with its own parameters and n samples. B problems are B * n lanes of one kernel, problem after
+problem; they share the networks. Fitting one material from several starts, many texels, or training are all this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import nn, parameters
+from .enhance import EnhancedBRDF
+
+# Lanes per block of the float32 products that make up the normal equations; blocks are added in float64.
+_BLOCK = 4096
+
+
+class Objective:
+    """Log-L1 loss of B materials with n samples each.
+
+    Parameters
+    ----------
+    brdf : EnhancedBRDF
+    wi, wo : mi.Vector3f, B * n lanes
+        Directions towards viewer and light.
+    f : mi.Color3f, B * n lanes
+        Measured reflectance, 1/sr, at least 0.
+    n : int
+        Samples per problem.
+    evaluators : dict, optional
+        Network evaluators; ``nn.Trainable`` with detached weights by default: cooperative vectors compile in a second,
+        baked weights outside of a virtual call in a minute, and every new network anew.
+    """
+
+    def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Mapping | None = None):
+        self.brdf, self.n, self.wi, self.wo = brdf, n, wi, wo
+        self.n_problems = dr.width(wi) // n
+        self.space = parameters.Space(brdf.parameters)
+        if evaluators is None:
+            evaluators = nn.Trainable(brdf.networks)
+            dr.disable_grad(evaluators.weights)
+        self.evaluators = evaluators
+        self._truth = [dr.log(1 + c * wo.z) for c in f]
+
+    def _residual(self, f) -> list[mi.Float]:
+        return [t - dr.log(1 + c * self.wo.z) for t, c in zip(self._truth, f, strict=True)]
+
+    def _lanes(self, u: np.ndarray) -> list[mi.Float]:
+        """Parameters of each problem, (B, P), as P arrays with B * n lanes."""
+        return [dr.repeat(mi.Float(column), self.n) for column in u.astype(np.float32).T]
+
+    def residuals(self, u: np.ndarray) -> list[mi.Float]:
+        """Signed differences of the logarithms, one array of B * n lanes per channel, for parameters (B, P)."""
+        with dr.suspend_grad():
+            params = parameters.unflatten(self.brdf.parameters, self.space.back(self._lanes(u)))
+            return self._residual(self.brdf(self.wi, self.wo, params, self.evaluators))
+
+    def loss(self, u: np.ndarray) -> np.ndarray:
+        """Mean absolute difference of the logarithms per problem, (B,), for parameters (B, P)."""
+        total = dr.block_sum(sum(dr.abs(r) for r in self.residuals(u)), self.n)
+        return np.array(total, np.float64) / (3 * self.n)
+
+    def normal_equations(self, u: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reweighted least squares at `u`: the smooth loss sqrt(r^2 + epsilon^2) to second order.
+
+        Parameters
+        ----------
+        u : array (B, P)
+        epsilon : array (B,)
+            Residuals much smaller than this count quadratically, which keeps the weights 1/|r| of L1 finite.
+
+        Returns
+        -------
+        h : array (B, P, P)
+            Approximate second derivatives of the mean smooth loss.
+        g : array (B, P)
+            Its gradient.
+        loss : array (B,)
+            Its value.
+        """
+        p_leaves = self._lanes(u)
+        dr.enable_grad(p_leaves)
+        params = parameters.unflatten(self.brdf.parameters, self.space.back(p_leaves))
+        graph, record, active = self.brdf.prepare(self.wi, self.wo, params, self.evaluators)
+        # What lies below the colours is a scalar: one backward pass through the networks serves all three channels.
+        cuts = {node.name: node(record) for node in _scalar_parts(graph)}
+        heads = {name: dr.detach(v) for name, v in cuts.items()}
+        dr.enable_grad(list(heads.values()))
+        frozen = {name: (lambda *_, v=v: v) for name, v in heads.items()}
+        r = self._residual(graph.replace(frozen)(record) & active)
+        inputs = [*p_leaves, *heads.values()]
+        rows = [_gradient(c, inputs, mi.Float(1)) for c in r]
+        scalar = [_gradient(v, p_leaves, mi.Float(1)) for v in cuts.values()]
+        eps = dr.repeat(mi.Float(epsilon.astype(np.float32)), self.n)
+        n_p, lanes = u.shape[1], len(r[0])
+        size = dr.empty(mi.Float, 3 * (n_p + 1) * lanes)
+        index = dr.arange(mi.UInt32, lanes)
+        block = _block(self.n)
+        # (block of lanes, row, lane in the block): the products below then need no further rearrangement
+        base = (index // block) * (block * (n_p + 1) * 3) + index % block
+        total = 0
+        for k, (residual, row) in enumerate(zip(r, rows, strict=True)):
+            value = dr.detach(residual)
+            smooth = dr.sqrt(dr.square(value) + dr.square(eps))
+            total += smooth
+            scale = dr.rsqrt(smooth)
+            columns = [
+                sum((row[n_p + j] * s[p] for j, s in enumerate(scalar)), row[p]) for p in range(n_p)
+            ]
+            for p, column in enumerate([*columns, value]):
+                dr.scatter(size, scale * column, base + (p * 3 + k) * block, mode=dr.ReduceMode.NoConflicts)
+        a = mi.TensorXf(size, (lanes // block, n_p + 1, 3 * block))
+        products = np.array(dr.matmul(a, a, Bt=True), np.float64).reshape(self.n_problems, -1, n_p + 1, n_p + 1).sum(1)
+        products /= 3 * self.n
+        loss = np.array(dr.block_sum(total, self.n), np.float64) / (3 * self.n)
+        return products[:, :n_p, :n_p], products[:, :n_p, n_p], loss
+
+    def gradient(self, flat: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Mean loss of all problems and its gradient.
+
+        Parameters
+        ----------
+        flat : mi.Float, P * B entries
+            Optimised parameters, parameter after parameter, with gradients enabled.
+
+        Returns
+        -------
+        loss : mi.Float, B * n lanes
+            Per sample, mean over the channels.
+        gradient : mi.Float, P * B entries
+        """
+        problem = dr.arange(mi.UInt32, self.n_problems)
+        u = [dr.gather(mi.Float, flat, problem + k * self.n_problems) for k in range(self.brdf.n_parameters)]
+        params = parameters.unflatten(self.brdf.parameters, self.space.back(u))
+        folded = self.brdf.fold(params, self.evaluators)
+        # What belongs to a problem becomes B * n lanes wide by hand, so that its gradient is summed in one go below.
+        narrow = [*_arrays(params), *(v for bias in folded.values() for v in bias)]
+        wide = [dr.repeat(dr.detach(v), self.n) for v in narrow]
+        dr.enable_grad(wide)
+        rest = iter(wide)
+        wide_params = _like(params, rest)
+        wide_folded = {slot: [next(rest) for _ in bias] for slot, bias in folded.items()}
+        r = self._residual(self.brdf(self.wi, self.wo, wide_params, self.evaluators, wide_folded))
+        loss = sum(dr.abs(c) for c in r) / 3
+        backward(loss, 1 / len(loss))
+        wide_gradient = dr.grad(wide)
+        dr.eval(dr.detach(loss), wide_gradient)
+        backward(narrow, [dr.block_sum(g, self.n) for g in wide_gradient])
+        return dr.detach(loss), dr.grad(flat)
+
+
+def backward(variables, gradients) -> None:
+    """Propagate given gradients of `variables` to whatever they were computed from."""
+    dr.set_grad(variables, gradients)
+    dr.enqueue(dr.ADMode.Backward, variables)
+    dr.traverse(dr.ADMode.Backward)
+
+
+def _gradient(value, inputs: list, seed) -> list[mi.Float]:
+    """Derivatives of `value` with respect to `inputs`, lane by lane; the graph stays for the next call."""
+    dr.set_grad(value, seed)
+    dr.enqueue(dr.ADMode.Backward, value)
+    dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)
+    result = dr.grad(inputs)
+    dr.clear_grad(inputs)
+    dr.clear_grad(value)
+    return result
+
+
+def _scalar_parts(node) -> list:
+    """The largest subgraphs that have no colour: operands of operators, one of which has."""
+    if not node.args or not _is_colour(node):
+        return []
+    parts = []
+    for a in node.args:
+        parts += _scalar_parts(a) if _is_colour(a) else [a]
+    return parts
+
+
+def _is_colour(node) -> bool:
+    return any(_is_colour(a) for a in node.args) if node.args else bool({"rho_d", "rho_s"} & set(node.inputs))
+
+
+def _block(n: int) -> int:
+    """The largest divisor of n that is at most _BLOCK: blocks do not straddle problems."""
+    return max(d for d in range(1, min(n, _BLOCK) + 1) if n % d == 0)
+
+
+def _arrays(params: dict) -> Iterator[mi.Float]:
+    """All arrays of a parameter dictionary, colours and lists taken apart."""
+    for v in params.values():
+        yield from [v] if isinstance(v, mi.Float) else v
+
+
+def _like(params: dict, arrays: Iterator[mi.Float]) -> dict:
+    """A parameter dictionary of the same form with other arrays."""
+    result = {}
+    for name, v in params.items():
+        if isinstance(v, mi.Float):
+            result[name] = next(arrays)
+        else:
+            parts = [next(arrays) for _ in v]
+            result[name] = mi.Color3f(*parts) if isinstance(v, mi.Color3f) else parts
+    return result
