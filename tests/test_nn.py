@@ -1,0 +1,253 @@
+"""The networks: sizes, initial weights, three evaluators that agree, and their gradients."""
+
+from __future__ import annotations
+
+import mi_enhance  # noqa: F401  (before mitsuba)
+
+import drjit as dr  # isort: skip
+import mitsuba as mi
+import numpy as np
+import pytest
+import twin
+
+from mi_enhance import enhance, nn
+
+FORWARD = 3e-6  # relative to the largest output; four float32 layers of up to 45 terms
+GRADIENT = 1e-5  # the same, back and forth
+N = 64  # lanes
+
+SHAPES = {
+    "node": ((45, *nn.HIDDEN, 1), 39),
+    "colour": ((39, *nn.HIDDEN, 3), 39),
+    "operator": ((2, *nn.HIDDEN, 1), 0),
+}
+
+
+def network(kind, seed=0):
+    """Xavier weights, and biases that are not zero: a lost bias must show."""
+    rng = np.random.default_rng(seed)
+    mlp = nn.xavier(*SHAPES[kind], rng)
+    layers = tuple((w, rng.normal(0, 0.3, b.shape).astype(np.float32)) for w, b in mlp.layers)
+    return nn.MLP(layers, mlp.n_folded)
+
+
+def inputs(mlp, n=N, seed=1):
+    """(n, in) float64 that float32 holds."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(0, 1, (n, mlp.sizes[0])).astype(np.float32).astype(np.float64)
+
+
+def lanes(x):
+    return [mi.Float(np.ascontiguousarray(column, np.float32)) for column in x.T]
+
+
+def evaluator(kind, mlp):
+    return nn.Trainable({"F": mlp})["F"] if kind is nn.Trainable else kind(mlp)
+
+
+def run(net, mlp, x):
+    bias = net.fold(lanes(x[:, : mlp.n_folded])) if mlp.n_folded else net.fold([])
+    return np.stack([np.array(v) for v in net(lanes(x[:, mlp.n_folded :]), bias)], -1)
+
+
+# ---------------------------------------------------------------------- sizes and initial weights
+
+
+def test_paper_model_has_6612_weights():
+    brdf = enhance("ggx")
+    assert brdf.n_weights == 6612 and 4 * brdf.n_weights == 26448
+    assert {slot: m.n_weights for slot, m in brdf.networks.items()} == {"F": 1825, "F*G": 1137, "G": 1825, "1/E": 1825}
+    assert brdf.n_parameters == 12 + 27
+
+
+@pytest.mark.parametrize(
+    "slot, sizes, n_folded",
+    [
+        *((s, (45, 16, 32, 16, 1), 39) for s in ("D", "F", "G", "1/E")),
+        *((s, (39, 16, 32, 16, 3), 39) for s in ("M", "S")),
+        *((s, (2, 16, 32, 16, 1), 0) for s in ("M+S", "S*D", "D*F", "F*G", "G*1/E")),
+    ],
+    ids=str,
+)
+def test_module_sizes_are_the_papers(slot, sizes, n_folded):
+    mlp = enhance("ggx", [slot]).networks[slot]
+    assert (mlp.sizes, mlp.n_folded) == (sizes, n_folded)
+
+
+def test_xavier_fills_its_range_and_nothing_else():
+    """Uniform within sqrt(6 / (in + out)): standard deviation is the limit over sqrt(3)."""
+    mlp = nn.xavier((45, *nn.HIDDEN, 1), 39, np.random.default_rng(3))
+    for (w, b), n_in, n_out in zip(mlp.layers, mlp.sizes, mlp.sizes[1:], strict=False):
+        limit = np.sqrt(6 / (n_in + n_out))
+        assert w.dtype == np.float32 and w.shape == (n_out, n_in) and not b.any()
+        assert np.abs(w).max() <= np.float32(limit)
+        assert np.abs(w).max() > 0.8 * limit
+        if w.size > 100:  # few weights scatter more than 10 %
+            assert w.std() == pytest.approx(limit / np.sqrt(3), rel=0.1)
+
+
+def test_same_seed_gives_the_same_weights():
+    a, b, c = (nn.flatten(enhance("ggx", seed=s).networks) for s in (5, 5, 6))
+    assert np.array_equal(a, b) and not np.array_equal(a, c)
+
+
+def test_flatten_and_unflatten_are_inverse():
+    networks = {"M": network("colour"), "F": network("node"), "F*G": network("operator")}
+    flat = nn.flatten(networks)
+    assert flat.dtype == np.float32 and len(flat) == sum(m.n_weights for m in networks.values())
+    template = {slot: network(kind, 9) for slot, kind in [("M", "colour"), ("F", "node"), ("F*G", "operator")]}
+    back = nn.unflatten(template, flat)
+    for slot, mlp in networks.items():
+        assert back[slot].n_folded == mlp.n_folded
+        for (w, b), (w2, b2) in zip(mlp.layers, back[slot].layers, strict=True):
+            assert np.array_equal(w, w2) and np.array_equal(b, b2)
+    assert nn.flatten({}).shape == (0,)
+
+
+# ---------------------------------------------------------------------- values
+
+
+@pytest.mark.parametrize("kind", [nn.Baked, nn.Cooperative, nn.Trainable], ids=lambda k: k.__name__)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_evaluators_are_the_twin(llvm, kind, shape):
+    if kind is nn.Cooperative and shape == "colour":
+        pytest.skip("no direction, nothing to evaluate per lane: the plugin never asks for it")
+    mlp = network(shape)
+    x = inputs(mlp)
+    expected = twin.mlp(mlp.layers, x)
+    np.testing.assert_allclose(run(evaluator(kind, mlp), mlp, x), expected, atol=FORWARD * np.abs(expected).max())
+
+
+def test_folding_is_exact_for_a_uniform_material(llvm):
+    """One lane of constants folded, many lanes of directions: the same as 45 inputs in every lane."""
+    mlp = network("node")
+    x = inputs(mlp)
+    x[:, :39] = x[0, :39]
+    net = nn.Baked(mlp)
+    bias = net.fold([mi.Float(v) for v in x[0, :39]])
+    assert all(len(b) == 1 for b in bias)
+    got = np.array(net(lanes(x[:, 39:]), bias)[0])
+    assert np.array_equal(got, run(net, mlp, x)[:, 0])  # to the last bit
+    np.testing.assert_allclose(got, twin.mlp(mlp.layers, x)[:, 0], atol=FORWARD * np.abs(got).max())
+
+
+# ---------------------------------------------------------------------- gradients
+
+
+def smooth_enough(mlp, x, margin=1e-3):
+    """Rows of `x` at which no hidden neuron sits in its kink, where a derivative means nothing."""
+    keep = np.ones(len(x), bool)
+    for w, b in mlp.layers[:-1]:
+        x = x @ w.T.astype(np.float64) + b
+        keep &= np.abs(x).min(1) > margin
+        x = np.where(x > 0, x, twin.SLOPE * x)
+    return keep
+
+
+def jacobian(mlp, x):
+    """d out / d in of the twin, (n, out, in)."""
+    return np.array([twin.central_differences(lambda v: twin.mlp(mlp.layers, v[None])[0], row, 1e-6) for row in x])
+
+
+@pytest.mark.parametrize("shape", ["node", "operator"])
+@pytest.mark.parametrize("kind", [nn.Baked, nn.Trainable], ids=lambda k: k.__name__)
+def test_reverse_mode_is_central_differences(llvm, kind, shape):
+    mlp = network(shape)
+    x = inputs(mlp, 200)
+    x = x[smooth_enough(mlp, x)]
+    values = lanes(x)
+    dr.enable_grad(values)
+    net = evaluator(kind, mlp)
+    (y,) = net(values[mlp.n_folded :], net.fold(values[: mlp.n_folded]))
+    dr.backward(dr.sum(y))
+    got = np.stack([np.array(dr.grad(v)) for v in values], -1)
+    expected = jacobian(mlp, x)[:, 0]
+    assert len(x) > 50
+    np.testing.assert_allclose(got, expected, atol=GRADIENT * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("wrt", ["x", "bias", "both"])
+def test_baked_forward_mode_is_central_differences(llvm, wrt):
+    mlp = network("node")
+    x = inputs(mlp, 200)
+    x = x[smooth_enough(mlp, x)]
+    rng = np.random.default_rng(2)
+    tangent = rng.normal(0, 1, x.shape).astype(np.float32).astype(np.float64)
+    if wrt == "x":
+        tangent[:, :39] = 0
+    elif wrt == "bias":
+        tangent[:, 39:] = 0
+    net, values, directions = nn.Baked(mlp), lanes(x), lanes(tangent)
+    moving = {"x": values[39:], "bias": values[:39], "both": values}[wrt]
+    dr.enable_grad(moving)
+    (y,) = net(values[39:], net.fold(values[:39]))
+    dr.set_grad(moving, {"x": directions[39:], "bias": directions[:39], "both": directions}[wrt])
+    dr.enqueue(dr.ADMode.Forward, moving)
+    dr.traverse(dr.ADMode.Forward)
+    expected = np.einsum("ni,ni->n", jacobian(mlp, x)[:, 0], tangent)
+    np.testing.assert_allclose(np.array(dr.grad(y)), expected, atol=GRADIENT * np.abs(expected).max())
+
+
+def test_baked_gradient_of_a_shared_bias_is_summed_over_the_lanes(llvm):
+    mlp = network("node")
+    x = inputs(mlp, 200)
+    x[:, :39] = x[0, :39]
+    x = x[smooth_enough(mlp, x)]
+    net, one = nn.Baked(mlp), [mi.Float(v) for v in x[0, :39]]
+    dr.enable_grad(one)
+    (y,) = net(lanes(x[:, 39:]), net.fold(one))
+    dr.backward(dr.sum(y))
+    expected = jacobian(mlp, x)[:, 0, :39].sum(0)
+    np.testing.assert_allclose([dr.grad(v)[0] for v in one], expected, atol=GRADIENT * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_trainable_weight_gradient_is_central_differences(llvm, shape):
+    """Two networks over one vector; only the second is evaluated, so the first has gradient zero."""
+    mlp = network(shape)
+    x = inputs(mlp, 300)
+    x = x[smooth_enough(mlp, x)][:40]
+    seeds = np.random.default_rng(4).normal(0, 1, (len(x), mlp.sizes[-1])).astype(np.float32).astype(np.float64)
+    both = {"other": network("operator", 7), "F": mlp}
+    trainable = nn.Trainable(both)
+    net = trainable["F"]
+    y = net(lanes(x[:, mlp.n_folded :]), net.fold(lanes(x[:, : mlp.n_folded])))
+    dr.backward(dr.sum(sum(v * s for v, s in zip(y, lanes(seeds), strict=True))))
+    got = np.array(trainable.gradient())
+    other = both["other"].n_weights
+    assert not got[:other].any()
+
+    def total(flat):
+        networks = nn.unflatten({"F": mlp}, np.zeros(mlp.n_weights, np.float32))  # shapes only
+        layers, offset = [], 0
+        for v in nn._split(networks["F"]):
+            layers.append(flat[offset : offset + v.size].reshape(v.shape))
+            offset += v.size
+        folded, varying, bias, *rest = layers
+        layers = [(np.concatenate([folded, varying], 1), bias), *zip(rest[::2], rest[1::2], strict=True)]
+        return np.sum(twin.mlp(layers, x) * seeds)
+
+    expected = twin.central_differences(total, nn.flatten({"F": mlp}).astype(np.float64), 1e-6)
+    np.testing.assert_allclose(got[other:], expected, atol=GRADIENT * np.abs(expected).max())
+
+
+def test_trainable_sums_all_backward_passes_once(llvm):
+    mlp = network("operator")
+    x = inputs(mlp, 32)
+    trainable = nn.Trainable({"F": mlp})
+
+    def backward():
+        (y,) = trainable["F"](lanes(x), [])
+        dr.backward(dr.sum(y))
+
+    backward()
+    once = np.array(trainable.gradient())
+    backward()
+    backward()
+    np.testing.assert_allclose(trainable.gradient(), 2 * once, rtol=GRADIENT, atol=GRADIENT * np.abs(once).max())
+    assert not np.array(trainable.gradient()).any()
+
+
+def test_trainable_gives_its_weights_back(llvm):
+    networks = {"F": network("node"), "F*G": network("operator")}
+    assert np.array_equal(nn.flatten(nn.Trainable(networks).networks()), nn.flatten(networks))

@@ -1,0 +1,183 @@
+"""The enhanced BRDF once more, in float64 NumPy: written from the literature and the documented conventions.
+
+Forms differ from the package's on purpose: slopes instead of products, Smith's Lambda, Rodrigues' rotation, no graph.
+Parameters are dictionaries of arrays (N, size) or (size,).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+SLOPE = 0.01  # leaky ReLU
+SLOTS = ("M", "M+S", "S", "S*D", "D", "D*F", "F", "F*G", "G", "G*1/E", "1/E")  # the paper's 11, in reading order
+
+
+def unit(v):
+    v = np.asarray(v, np.float64)
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def rotate(v, axis, angle):
+    """Rodrigues: `v` turned by `angle` about the unit vector `axis`."""
+    v, axis = np.asarray(v, np.float64), np.asarray(axis, np.float64)
+    angle = np.asarray(angle, np.float64)[..., None]
+    along = np.sum(axis * v, -1, keepdims=True) * axis
+    return along + np.cos(angle) * (v - along) + np.sin(angle) * np.cross(axis, v)
+
+
+def frame(n_x, n_y, t_theta):
+    """Rows t, b, n: the tangent is the direction closest to +x, turned by t_theta about n."""
+    n_x, n_y, t_theta = (np.asarray(v, np.float64) for v in (n_x, n_y, t_theta))
+    n = np.stack([n_x, n_y, np.sqrt(1 - n_x**2 - n_y**2)], -1)
+    x = np.broadcast_to([1.0, 0.0, 0.0], n.shape)
+    t = rotate(unit(x - np.sum(x * n, -1, keepdims=True) * n), n, t_theta)
+    return np.stack([t, np.cross(n, t), n], -2)
+
+
+def D_ggx(h, alpha_x, alpha_y):
+    """Heitz 2014, eq. 85: by tan^2 theta_h (cos^2 phi_h / alpha_x^2 + sin^2 phi_h / alpha_y^2)."""
+    slope = ((h[..., 0] / alpha_x) ** 2 + (h[..., 1] / alpha_y) ** 2) / h[..., 2] ** 2
+    return 1 / (np.pi * alpha_x * alpha_y * h[..., 2] ** 4 * (1 + slope) ** 2)
+
+
+def F_schlick(cos_theta_d, F0):
+    return F0 + (1 - F0) * (1 - cos_theta_d) ** 5
+
+
+def G_smith_ggx(wi, wo, alpha_x, alpha_y):
+    """Heitz 2014, eqs. 43 and 86: G1 = 1 / (1 + Lambda), uncorrelated."""
+
+    def g1(w):
+        a2 = ((alpha_x * w[..., 0]) ** 2 + (alpha_y * w[..., 1]) ** 2) / w[..., 2] ** 2
+        return 1 / (1 + (np.sqrt(1 + a2) - 1) / 2)
+
+    return g1(wi) * g1(wo)
+
+
+def inv_E(cos_theta_i, cos_theta_o):
+    """Cosines below 1e-4 count as 1e-4."""
+    return 0.25 / (np.maximum(cos_theta_i, 1e-4) * np.maximum(cos_theta_o, 1e-4))
+
+
+def mlp(layers, x):
+    """(N, in) -> (N, out)."""
+    for k, (w, b) in enumerate(layers):
+        x = x @ np.asarray(w, np.float64).T + np.asarray(b, np.float64)
+        if k < len(layers) - 1:
+            x = np.where(x > 0, x, SLOPE * x)
+    return x
+
+
+def parameter_features(p, inputs):
+    """Inputs 1 to 39: 12 analytic, 27 latent."""
+    if inputs == "directions":
+        analytic = [p[k] for k in ("n_x", "n_y", "t_theta", "rho_d", "rho_s", "alpha_x", "alpha_y", "F0")]
+    else:
+        first = [np.log(p["alpha_x"]) / 4, np.log(p["alpha_y"]) / 4, np.sqrt(p["F0"] + 1e-4)]
+        analytic = [*first, p["rho_d"], np.log1p(p["rho_s"]), p["alpha_x"], p["alpha_y"], p["F0"]]
+    return np.concatenate([*analytic, p["latent"]], -1)
+
+
+def directional_features(wi, wo, h, alpha_x, alpha_y):
+    """Inputs 40 to 45 of the symmetric form; directions in the material's frame."""
+    u, v = (h[:, 0] / alpha_x) ** 2, (h[:, 1] / alpha_y) ** 2
+    product = wi[:, 2] * wo[:, 2]
+    azimuth = (u - v) / (1 + u + v) * (alpha_y - alpha_x) / (alpha_x + alpha_y)
+    sin2 = h[:, 0] ** 2 + h[:, 1] ** 2
+    cos_d = np.linalg.norm(wi + wo, axis=1) / 2
+    return np.stack([sin2, np.log1p(u + v) / 5, azimuth, cos_d, product, np.log(product + 1e-4) / 5], -1)
+
+
+def brdf(wi, wo, params, networks=None, inputs="symmetric"):
+    """f_r (N, 3) of GGX with the slots in `networks` (name -> list of (W, b)) replaced."""
+    networks = networks or {}
+    wi, wo = np.asarray(wi, np.float64), np.asarray(wo, np.float64)
+    n = len(wi)
+    p = {}
+    for key, v in params.items():
+        v = np.atleast_1d(np.asarray(v, np.float64))
+        p[key] = np.broadcast_to(v, (n, v.shape[-1]))
+    axes = frame(p["n_x"][:, 0], p["n_y"][:, 0], p["t_theta"][:, 0])
+    i, o = np.einsum("nij,nj->ni", axes, wi), np.einsum("nij,nj->ni", axes, wo)
+    up = (wi[:, 2] > 0) & (wo[:, 2] > 0) & (i[:, 2] > 0) & (o[:, 2] > 0)
+    i, o, raw_i, raw_o = i[up], o[up], wi[up], wo[up]
+    p = {key: v[up] for key, v in p.items()}
+    h, a_x, a_y = unit(i + o), p["alpha_x"][:, 0], p["alpha_y"][:, 0]
+    constant = parameter_features(p, inputs) if networks and "latent" in p else None
+    if inputs == "directions":
+        varying = np.concatenate([raw_i, raw_o], -1)
+    else:
+        varying = directional_features(i, o, h, a_x, a_y)
+
+    def term(name, analytic, directional=True):
+        if name not in networks:
+            return analytic
+        x = np.concatenate([constant, varying], -1) if directional else constant
+        return np.exp(np.clip(mlp(networks[name], x), -30, 30))
+
+    def operator(name, a, b):
+        if name not in networks:
+            return a + b if "+" in name else a * b
+        a, b = np.broadcast_arrays(a, b)
+        x = np.log(np.maximum(np.stack([a, b], -1), 1e-6))
+        y = mlp(networks[name], x.reshape(-1, 2)).reshape(a.shape)
+        return np.exp(np.clip(y, -30, 30))
+
+    e = term("1/E", inv_E(i[:, 2], o[:, 2])[:, None])
+    g = term("G", G_smith_ggx(i, o, a_x, a_y)[:, None])
+    f = term("F", F_schlick(np.sum(o * h, -1, keepdims=True), p["F0"]))
+    d = term("D", D_ggx(h, a_x, a_y)[:, None])
+    s, m = term("S", p["rho_s"], False), term("M", p["rho_d"] / np.pi, False)
+    below_s = operator("D*F", d, operator("F*G", f, operator("G*1/E", g, e)))
+    result = np.zeros((n, 3))
+    result[up] = operator("M+S", m, operator("S*D", s, below_s))
+    return result
+
+
+def log_l1(f, f_gt, cos, epsilon=0.0):
+    """The paper's eq. 1 as a mean, smoothed by `epsilon`."""
+    r = np.log1p(f_gt * cos[:, None]) - np.log1p(f * cos[:, None])
+    return np.mean(np.sqrt(r * r + epsilon * epsilon))
+
+
+# ---------------------------------------------------------------------- random inputs, rounded to what float32 holds
+
+
+def pairs(n, seed=0, min_cos=0.0):
+    """n random pairs of unit vectors above the horizon, float32."""
+    rng = np.random.default_rng(seed)
+    w = unit(rng.normal(size=(2, n, 3)))
+    w[..., 2] = np.abs(w[..., 2])
+    if min_cos:
+        w[..., 2] = np.maximum(w[..., 2], min_cos)
+        w = unit(w)
+    return w.astype(np.float32)
+
+
+def parameters(n, seed=0, latent=27, alpha=(0.05, 1.0), tilt=0.3):
+    """n random materials; float64 arrays that float32 holds exactly."""
+    rng = np.random.default_rng(seed)
+    p = {
+        "n_x": rng.uniform(-tilt, tilt, (n, 1)),
+        "n_y": rng.uniform(-tilt, tilt, (n, 1)),
+        "t_theta": rng.uniform(-3, 3, (n, 1)),
+        "rho_d": rng.uniform(0, 1, (n, 3)),
+        "rho_s": rng.uniform(0, 4, (n, 3)),
+        "alpha_x": np.exp(rng.uniform(*np.log(alpha), (n, 1))),
+        "alpha_y": np.exp(rng.uniform(*np.log(alpha), (n, 1))),
+        "F0": rng.uniform(0, 1, (n, 1)),
+    }
+    if latent:
+        p["latent"] = rng.normal(0.5, 0.5, (n, latent))
+    return {key: v.astype(np.float32).astype(np.float64) for key, v in p.items()}
+
+
+def central_differences(function, x, step=1e-5):
+    """Gradient (P,) or Jacobian (..., P) of a float64 function of a vector."""
+    x = np.asarray(x, np.float64)
+    columns = []
+    for k in range(len(x)):
+        e = np.zeros(len(x))
+        e[k] = step
+        columns.append((function(x + e) - function(x - e)) / (2 * step))
+    return np.stack(columns, -1)
