@@ -172,7 +172,8 @@ class Cooperative:
         dtype = dr.float16_array_t(mi.TensorXf) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else mi.TensorXf
         (w, b), *rest = mlp.layers
         self._baked = Baked(mlp)
-        flat = [dtype(np.ascontiguousarray(w[:, mlp.n_folded :]))]
+        # A network without directions (M, S) has no first matrix here: its first layer is the bias alone.
+        flat = [dtype(np.ascontiguousarray(w[:, mlp.n_folded :]))] if mlp.n_folded < w.shape[1] else []
         for layer in rest:
             flat += [dtype(v) for v in layer]
         self._packed = dnn.pack(*flat, layout="inference")
@@ -185,8 +186,10 @@ class Cooperative:
     def __call__(self, x: Sequence[mi.Float], bias: Sequence[mi.Float]) -> list[mi.Float]:
         """Output of the network for varying inputs `x` and the first-layer `bias`."""
         packed = self._packed if isinstance(self._packed, tuple) else (self._packed,)
-        z = dnn.matvec(packed[0], dnn.CoopVec(*map(self._scalar, x))) + dnn.CoopVec(*map(self._scalar, bias))
-        for w, b in zip(packed[1::2], packed[2::2], strict=True):
+        z = dnn.CoopVec(*map(self._scalar, bias))
+        if x:
+            z, packed = dnn.matvec(packed[0], dnn.CoopVec(*map(self._scalar, x))) + z, packed[1:]
+        for w, b in zip(packed[::2], packed[1::2], strict=True):
             z = dnn.matvec(w, dr.fma(dr.minimum(z, 0), SLOPE, dr.maximum(z, 0)), b)
         return [mi.Float(v) for v in z]
 

@@ -110,8 +110,6 @@ def test_flatten_and_unflatten_are_inverse():
 @pytest.mark.parametrize("kind", [nn.Baked, nn.Cooperative, nn.Trainable], ids=lambda k: k.__name__)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_evaluators_are_the_twin(llvm, kind, shape):
-    if kind is nn.Cooperative and shape == "colour":
-        pytest.skip("no direction, nothing to evaluate per lane: the plugin never asks for it")
     mlp = network(shape)
     x = inputs(mlp)
     expected = twin.mlp(mlp.layers, x)
