@@ -25,7 +25,8 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
    - |exposed|, |differentiable|
    - The neural parameters; from the file only.
 
-An analytic reflectance model, some of whose terms or operators are small neural networks, fitted to a measured material.
+An analytic reflectance model, some of whose terms or operators are small neural networks, fitted to a measured
+material.
 
 .. tabs::
     .. code-tab:: xml
@@ -41,10 +42,10 @@ An analytic reflectance model, some of whose terms or operators are small neural
         'filename': 'gold.bsdf'
 
 One-sided, like all opaque BSDFs of Mitsuba; wrap it in ``twosided`` if needed. Works in every JIT variant; the networks
-see RGB parameters in all of them, colour enters through rho_d and rho_s. In spectral variants RGB values are upsampled as
-Mitsuba does it. Sampling: visible GGX normals and cosine, exact density. Weights are constants of the compiled function;
-what belongs to a material is data, so materials of one network share that function. Reference: Shen et al., *Neural
-Enhancement of Analytical Appearance Models*.
+see RGB parameters in all of them, colour enters through rho_d and rho_s. In spectral variants RGB values are upsampled
+as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are constants of
+the compiled function; what belongs to a material is data, so materials of one network share that function. Reference:
+Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 """
 
 from __future__ import annotations
@@ -90,12 +91,16 @@ class Enhanced(mi.BSDF):
         """Take a parameter from the scene, else from the file."""
         value = self.m_material.params[p.name]
         if props.has_property(p.name) and p.name != "latent":
-            given = props[p.name]
-            if isinstance(given, mi.Texture):
+            given, where = props[p.name], f'bsdf "enhanced" ("{self.id()}")'
+            is_spectrum = p.name in _COLOURS and props.type(p.name) == mi.Properties.Type.Spectrum
+            if is_spectrum or isinstance(given, mi.Texture):
                 self.m_textures[p.name] = props.get_unbounded_texture(p.name)
                 return
-            numbers = np.atleast_1d(np.asarray(given, np.float64)).ravel()
-            where = f'bsdf "enhanced" ("{self.id()}")'
+            try:
+                numbers = np.atleast_1d(np.asarray(given, np.float64)).ravel()
+            except (TypeError, ValueError):
+                what = "a colour, spectrum" if p.name in _COLOURS else "a number"
+                raise TypeError(f"{where}: {p.name} must be {what} or texture; got {given!r}.") from None
             value = parameters.check([p], {p.name: numbers}, where)[p.name]
         self.m_values[p.name] = mi.Color3f(value) if p.size == 3 else mi.Float(value)
 
@@ -103,7 +108,9 @@ class Enhanced(mi.BSDF):
 
     def traverse(self, cb):
         for name, value in self.m_values.items():
-            cb.put(name, value, mi.ParamFlags.Differentiable)
+            # Upsampling to spectra is not differentiable.
+            flag = mi.ParamFlags.NonDifferentiable if name in self.m_spectra else mi.ParamFlags.Differentiable
+            cb.put(name, value, flag)
         for name, texture in self.m_textures.items():
             cb.put(name, texture, mi.ParamFlags.Differentiable)
 
@@ -115,15 +122,13 @@ class Enhanced(mi.BSDF):
         # Opaque: values are data of the compiled function, not part of its code, so materials can share it.
         dr.make_opaque(self.m_values, self.m_lobe_albedo)
         self.m_spectra = {}
-        if not mi.is_rgb:
-            for name in _COLOURS:
-                if name in self.m_values:
-                    self.m_spectra[name] = _upsample(self.m_values[name])
-        self.m_folded, self.m_folded_with_grad = None, False
+        if mi.is_spectral:
+            self.m_spectra = {name: _upsample(self.m_values[name]) for name in _COLOURS if name in self.m_values}
+        self.m_folded = None
         if not self.m_textures:
-            self.m_folded = self._fold(self._constants())
+            # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
+            self.m_folded = self.m_brdf.fold(dr.detach(self._constants()), self.m_evaluators)
             dr.make_opaque(self.m_folded)
-            self.m_folded_with_grad = dr.grad_enabled(self.m_values)
 
     def _constants(self) -> dict:
         values = dict(self.m_values)
@@ -132,22 +137,18 @@ class Enhanced(mi.BSDF):
             values["latent"] = [dr.gather(mi.Float, latent, k) for k in range(len(latent))]
         return values
 
-    def _fold(self, params: dict) -> dict:
-        return self.m_brdf.fold(params, self.m_evaluators)
-
     def _prepare(self, si: mi.SurfaceInteraction3f, active) -> tuple[dict, dict]:
         """Parameters at the hit point, with RGB colours, and what is folded of them."""
         params = self._constants()
-        for name, texture in self.m_textures.items():
-            params[name] = _rgb(texture, si, active) if name in _COLOURS else texture.eval_1(si, active)
-        if "alpha_x" in self.m_textures or "alpha_y" in self.m_textures:
-            # A texture may hold anything: outside of (0, 1] the distribution is undefined.
-            for name in ("alpha_x", "alpha_y"):
-                params[name] = dr.clip(params[name], 1e-4, 1)
+        for p in self.m_brdf.parameters:
+            if p.name in self.m_textures:
+                texture = self.m_textures[p.name]
+                value = _rgb(texture, si, active) if p.name in _COLOURS else texture.eval_1(si, active)
+                # A texture may hold anything: roughness 0 or a negative F0 would give NaN.
+                params[p.name] = dr.clip(value, p.low, p.high)
         folded = self.m_folded
-        # Gradients were switched on after the last update: what is folded does not know of them.
-        if folded is None or dr.grad_enabled(self.m_values) != self.m_folded_with_grad:
-            folded = self._fold(params)
+        if folded is None or dr.grad_enabled(self.m_values):
+            folded = self.m_brdf.fold(params, self.m_evaluators)
         return params, folded
 
     def _spectral(self, params: dict, si: mi.SurfaceInteraction3f, active) -> dict:
@@ -158,7 +159,9 @@ class Enhanced(mi.BSDF):
         for name in _COLOURS:
             if name in self.m_textures:
                 colours[name] = self.m_textures[name].eval(si, active)
-            elif name in self.m_spectra:
+            elif mi.is_monochromatic:
+                colours[name] = mi.Color1f(mi.luminance(self.m_values[name]))
+            else:
                 texture, scale = self.m_spectra[name]
                 colours[name] = texture.eval(si, active) * scale
         return {**params, **colours}
