@@ -89,7 +89,8 @@ class EnhancedBRDF:
         -------
         dict of str to list of mi.Float
         """
-        features = _parameter_features(params, self.inputs) if self.networks else []
+        # Operators see their operands only: with no other network the material has no latent numbers to read.
+        features = _parameter_features(params, self.inputs) if any(m.n_folded for m in self.networks.values()) else []
         return {
             slot: evaluators[slot].fold(features if mlp.n_folded else []) for slot, mlp in self.networks.items()
         }
