@@ -144,7 +144,7 @@ def smooth_enough(mlp, x, margin=1e-3):
 
 def jacobian(mlp, x):
     """d out / d in of the twin, (n, out, in)."""
-    return np.array([twin.central_differences(lambda v: twin.mlp(mlp.layers, v[None])[0], row, 1e-6) for row in x])
+    return np.array([twin.central_differences(lambda v: twin.mlp(mlp.layers, v[None])[0], row) for row in x])
 
 
 @pytest.mark.parametrize("shape", ["node", "operator"])
@@ -225,7 +225,7 @@ def test_trainable_weight_gradient_is_central_differences(llvm, shape):
         layers = [(np.concatenate([folded, varying], 1), bias), *zip(rest[::2], rest[1::2], strict=True)]
         return np.sum(twin.mlp(layers, x) * seeds)
 
-    expected = twin.central_differences(total, nn.flatten({"F": mlp}).astype(np.float64), 1e-6)
+    expected = twin.central_differences(total, nn.flatten({"F": mlp}).astype(np.float64))
     np.testing.assert_allclose(got[other:], expected, atol=GRADIENT * np.abs(expected).max())
 
 

@@ -1,0 +1,122 @@
+"""The loss of many materials at once, its gradients and normal equations, against float64 central differences."""
+
+from __future__ import annotations
+
+import drjit as dr
+import lanes
+import mitsuba as mi
+import numpy as np
+import pytest
+import twin
+
+from mi_enhance import losses, parameters
+from mi_enhance.enhance import enhance
+from mi_enhance.objective import Objective
+
+LOSS = 1e-5  # relative; float32 logarithms of float32 reflectance, averaged
+GRADIENT = 3e-4  # of the largest entry; float32 through log alpha, four networks and sums over the samples
+B, N = 3, 240  # materials and samples each
+
+
+def problem(replace, seed=0):
+    """Objective, optimised parameters (B, P), and the same loss by the twin."""
+    brdf = enhance("ggx", replace, seed=seed)
+    latent = 27 if any(m.n_folded for m in brdf.networks.values()) else 0
+    wi, wo = twin.pairs(B * N, seed=1, min_cos=0.1)
+    start, truth = (twin.parameters(B, s, latent, alpha=(0.1, 0.8), tilt=0.1) for s in (2, 3))
+    u = np.concatenate([start[p.name] for p in brdf.parameters], 1)
+    networks = {slot: mlp.layers for slot, mlp in brdf.networks.items()}
+    f = twin.brdf(wi, wo, {k: np.repeat(v, N, 0) for k, v in truth.items()}, networks).astype(np.float32)
+    objective = Objective(brdf, lanes.vectors(wi), lanes.vectors(wo), mi.Color3f(np.ascontiguousarray(f.T)), N)
+    u = objective.space.to(u).astype(np.float32).astype(np.float64)
+
+    def loss(k, row, epsilon=0.0):
+        """Of material k at one optimised vector."""
+        values = parameters.unflatten(brdf.parameters, objective.space.back(row))
+        part = slice(k * N, (k + 1) * N)
+        got = twin.brdf(wi[part], wo[part], values, networks)
+        return twin.log_l1(got, f[part].astype(np.float64), wo[part, 2].astype(np.float64), epsilon)
+
+    return objective, u, loss, (wi, wo, f)
+
+
+@pytest.mark.parametrize("replace", [(), ("F", "F*G", "G", "1/E"), ("M", "S*D")], ids=["analytic", "final", "colours"])
+def test_loss_is_log_l1_of_each_material(llvm, replace):
+    objective, u, loss, (wi, wo, f) = problem(replace)
+    got = objective.loss(u)
+    assert got.shape == (B,)
+    np.testing.assert_allclose(got, [loss(k, u[k]) for k in range(B)], rtol=LOSS)
+    values = parameters.unflatten(objective.brdf.parameters, objective.space.back(u[0]))
+    model = lanes.evaluate(objective.brdf, wi[:N], wo[:N], {k: np.tile(v, (N, 1)) for k, v in values.items()})
+    expected = losses.log_l1(model, f[:N].astype(np.float64), wo[:N, 2].astype(np.float64))
+    assert got[0] == pytest.approx(expected, rel=LOSS)
+
+
+def test_residuals_are_signed(llvm):
+    """Measured minus model: positive where the model is too dark."""
+    objective, u, _, _ = problem(())
+    dark = u.copy()
+    dark[:, 3:9] = 0  # rho_d and rho_s
+    assert min(np.array(r).min() for r in objective.residuals(dark)) >= 0
+
+
+@pytest.mark.parametrize("replace", [(), ("F", "F*G", "G", "1/E"), ("M", "S*D")], ids=["analytic", "final", "colours"])
+def test_normal_equations_are_central_differences(llvm, replace):
+    objective, u, loss, _ = problem(replace)
+    epsilon = 0.1 * objective.loss(u)
+    h, g, smooth = objective.normal_equations(u, epsilon)
+    for k in range(B):
+        e = np.float32(epsilon[k])
+        expected = twin.central_differences(lambda row, k=k, e=e: loss(k, row, e), u[k])
+        np.testing.assert_allclose(g[k], expected, atol=GRADIENT * np.abs(expected).max())
+        assert smooth[k] == pytest.approx(loss(k, u[k], e), rel=LOSS)
+    assert np.array_equal(h, h.transpose(0, 2, 1))
+    for matrix in h:
+        w = np.linalg.eigvalsh(matrix)
+        assert w.min() > -1e-6 * w.max()  # semidefinite to the rounding of float32 products
+
+
+def test_gauss_newton_matrix_is_the_weighted_jacobian(llvm):
+    """h = mean of J J^T / sqrt(r^2 + epsilon^2), J by central differences of the twin."""
+    objective, u, _, (wi, wo, f) = problem(("F", "F*G", "G", "1/E"))
+    h, _, _ = objective.normal_equations(u, np.full(B, 0.01))
+    networks = {slot: mlp.layers for slot, mlp in objective.brdf.networks.items()}
+
+    def residuals(row):
+        values = parameters.unflatten(objective.brdf.parameters, objective.space.back(row))
+        cos = wo[:N, 2:].astype(np.float64)
+        return (np.log1p(f[:N] * cos) - np.log1p(twin.brdf(wi[:N], wo[:N], values, networks) * cos)).ravel()
+
+    r, j = residuals(u[0]), twin.central_differences(residuals, u[0])
+    expected = (j / np.sqrt(r * r + 1e-4)[:, None]).T @ j / r.size
+    np.testing.assert_allclose(h[0], expected, atol=GRADIENT * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("replace", [(), ("F", "F*G", "G", "1/E")], ids=["analytic", "final"])
+def test_gradient_is_that_of_the_normal_equations(llvm, replace):
+    """Without smoothing, divided by the number of materials, and parameter after parameter."""
+    objective, u, _, _ = problem(replace)
+    flat = mi.Float(u.T.ravel().astype(np.float32))
+    dr.enable_grad(flat)
+    loss, gradient = objective.gradient(flat)
+    _, g, smooth = objective.normal_equations(u, np.full(B, 1e-7))
+    np.testing.assert_allclose(np.array(dr.block_sum(loss, N)) / N, smooth, rtol=LOSS)
+    got = np.array(gradient).reshape(-1, B).T * B
+    np.testing.assert_allclose(got, g, atol=GRADIENT * np.abs(g).max())
+
+
+def test_number_of_samples_may_be_prime(llvm):
+    """Blocks must not straddle materials, whatever divides the number of samples."""
+    brdf, n = enhance("ggx", ()), 251
+    wi, wo = twin.pairs(2 * n, seed=1, min_cos=0.1)
+    f = np.ascontiguousarray(np.random.default_rng(0).uniform(0, 1, (3, 2 * n)).astype(np.float32))
+    u = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (2, 1))
+    both = Objective(brdf, lanes.vectors(wi), lanes.vectors(wo), mi.Color3f(f), n)
+    u = both.space.to(u)
+    h, g, loss = both.normal_equations(u, np.full(2, 0.01))
+    for k, part in enumerate((slice(0, n), slice(n, 2 * n))):
+        one = Objective(brdf, lanes.vectors(wi[part]), lanes.vectors(wo[part]), mi.Color3f(np.ascontiguousarray(f[:, part])), n)
+        h1, g1, loss1 = one.normal_equations(u[:1], np.full(1, 0.01))
+        np.testing.assert_allclose(h[k], h1[0], rtol=LOSS, atol=LOSS * np.abs(h1).max())
+        np.testing.assert_allclose(g[k], g1[0], atol=LOSS * np.abs(g1).max())
+        assert loss[k] == pytest.approx(loss1[0], rel=LOSS)
