@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 # Residuals below this share of the mean loss count quadratically; smaller values follow L1 closer but step less far.
-_SMOOTH = 0.1
+_SMOOTH = 0.3
 
 
 def minimize(
@@ -61,19 +61,20 @@ def minimize(
     array([[3.]])
     """
     u = np.clip(u, low, high)
-    damping = np.full(len(u), 1e-2)
+    damping = np.ones(len(u))  # a careful first step: long ones end in worse minima
     best = loss(u)
     idle = 0
     for step in range(steps):
         h, g, _ = normal_equations(u, np.maximum(_SMOOTH * best, 1e-6))
         before = best.copy()
         done = np.zeros(len(u), bool)
-        for _ in range(4):  # retry with more damping what did not improve
+        for _ in range(2):  # retry with more damping what did not improve
             trial = np.where(done[:, None], u, np.clip(u + _direction(h, g, u, low, high, damping), low, high))
             value = loss(trial)
             better = ~done & (value < best)  # NaN compares false: such a trial is never taken
             u, best = np.where(better[:, None], trial, u), np.where(better, value, best)
-            damping = np.where(better, np.maximum(damping / 4, 1e-7), np.where(done, damping, np.minimum(damping * 5, 1e7)))
+            lower, higher = np.maximum(damping / 3, 1e-7), np.minimum(damping * 4, 1e7)
+            damping = np.where(better, lower, np.where(done, damping, higher))
             done |= better
             if done.all():
                 break

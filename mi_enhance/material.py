@@ -177,7 +177,11 @@ class Material:
             raise ValueError(f"{where}: not a material of mi_enhance: it has no params and description. Got: {list(fields)}.")
         arrays = {name: tensor_file.values(file, f) for name, f in fields.items()}
         for name, array in arrays.items():
-            if array.dtype.kind == "f" and not np.isfinite(array).all():
+            if name == "description":
+                continue
+            if array.dtype != np.float32:
+                raise ValueError(f"{where}: {name} holds {array.dtype}; float32 is needed. Save the material again.")
+            if not np.isfinite(array).all():
                 raise ValueError(f"{where}: {name} holds NaN or infinity. Save the material again.")
         description = _read_description(arrays["description"].tobytes(), where)
         template = _template(description, where)
@@ -230,7 +234,7 @@ def _read_description(text: bytes, where: str) -> dict:
     try:
         description = json.loads(text)
         kind, version = description["kind"], description["format"]
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, RecursionError) as error:  # RecursionError: a million opening brackets
         raise ValueError(f"{where}: its description is not one of a material of mi_enhance ({error!r}).") from error
     if kind != _KIND or not isinstance(version, int):
         raise ValueError(f'{where}: its description says kind "{kind}"; "{_KIND}" is needed.')
@@ -243,8 +247,12 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
     """The BRDF that a description stands for, with arbitrary weights: it knows every shape."""
     try:
         hidden = [int(n) for n in description["hidden"]]
-        if any(not 0 < n <= 1024 for n in hidden) or not 0 <= description["n_latent"] <= 1024:
-            raise ValueError(f"hidden layers {hidden} or n_latent {description['n_latent']} out of [1, 1024]")
+        # before any array is made: a few characters must not ask for all the memory there is
+        if len(hidden) > 8 or any(not 0 < n <= 1024 for n in hidden) or not 0 <= description["n_latent"] <= 1024:
+            raise ValueError(
+                f"{len(hidden)} hidden layers {hidden[:8]} or n_latent {description['n_latent']} out of range: at most "
+                "8 layers of 1 to 1024, n_latent 0 to 1024"
+            )
         return enhance(
             models.get(description["model"]),
             description["replace"],
@@ -264,6 +272,9 @@ def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: 
     values = parameters.unflatten(brdf.parameters, params.astype(np.float64))
     parameters.check(brdf.parameters, values, where)
     lobe_albedo = description.get("lobe_albedo")
-    if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < np.inf:
+    if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < 1e30:
         raise ValueError(f"{where}: lobe_albedo must be a number of at least 0; got {lobe_albedo!r}. Save it again.")
-    return Material(brdf, values, description.get("report", {}), library, float(lobe_albedo))
+    report = description.get("report", {})
+    if not isinstance(report, dict):
+        raise ValueError(f"{where}: report must be an object {{ ... }}; got {report!r}. Save it again.")
+    return Material(brdf, values, report, library, float(lobe_albedo))

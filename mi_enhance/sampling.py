@@ -107,12 +107,12 @@ def lobe_albedo(material, n: int = 4096) -> float:
 
     values = [mi.Float(float(v)) for v in material.vector()]
     params = parameters.unflatten(material.brdf.parameters, values)
-    u = dr.arange(mi.Float, n)
-    sample1, sample2 = (u + 0.5) / n, mi.Point2f(mi.radical_inverse(0, mi.UInt32(u)), mi.radical_inverse(1, mi.UInt32(u)))
+    # Roberts 2018, R3 sequence: three coordinates that fill the cube evenly
+    u = [0.5 + a * dr.arange(mi.Float, n) for a in (0.8191725134, 0.6710436067, 0.5497004779)]
+    u = [v - dr.floor(v) for v in u]
     wi = mi.Vector3f(0.5, 0, 0.8660254) + dr.zeros(mi.Vector3f, n)
     share = mi.Float(0.5)
-    # sample1 is stratified and in order: shuffled against sample2 by a stride
-    wo = sample(wi, params, share, dr.gather(mi.Float, sample1, (mi.UInt32(u) * 1597) % n), sample2)
+    wo = sample(wi, params, share, u[0], mi.Point2f(u[1], u[2]))
     p = pdf(wi, wo, params, share)
     f = material.brdf(wi, wo, params)
     total = dr.mean(dr.select(p > 0, dr.mean(f) * wo.z / p, 0))[0]

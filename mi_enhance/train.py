@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import drjit as dr
@@ -17,12 +17,13 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from . import nn, parameters
+from . import levenberg, nn, parameters
 from .data._io import replacing
-from .data.sampling import sample_pairs
 from .data.training import TrainingSet, build
 from .enhance import EnhancedBRDF, enhance
 from .fit import fit_analytic
+from .imitate import imitate
+from .material import Material
 from .objective import Objective
 
 DEFAULTS = {
@@ -120,6 +121,13 @@ class Trainer:
         flat = np.array(dr.detach(self.optimizer["parameters"]), np.float64).reshape(-1, self.n_materials)
         return self._space.back(flat.T.copy())
 
+    def material(self) -> Material:
+        """The network as it is shipped: weights, where fits start, and how it was made."""
+        report = {"config": self.config, "steps": self.step, "samples_seen": self.step * self.n_materials * self.config["batch"]}
+        keep = _representative(self.samples.kinds)
+        return Material(self.result(), {}, {**report, "library": [self.samples.names[k] for k in keep]},
+                        library=self.parameters()[keep])
+
     def save(self, path: Path) -> None:
         """Write a checkpoint: weights, parameters, state of the optimiser, step."""
         arrays = {"step": self.step}
@@ -141,56 +149,6 @@ class Trainer:
         self.trainable.weights = self.optimizer["weights"]
 
 
-def imitate(brdf: EnhancedBRDF, *, steps: int = 1000, batch: int = 8192, seed: int = 0, lr: float = 5e-3) -> EnhancedBRDF:
-    """Teach each network the term or operator it replaces, so that training starts where the analytic model is.
-
-    Parameters
-    ----------
-    brdf : EnhancedBRDF
-        Its networks are where the imitation starts.
-    steps, batch : int
-        Random pairs of directions, each with random parameters, per step.
-    seed : int
-        Of directions and parameters.
-    lr : float
-        Learning rate, falling to 0 along a cosine.
-
-    Returns
-    -------
-    EnhancedBRDF
-        With networks close to the original terms.
-    """
-    rng = np.random.default_rng(seed)
-    trainable = nn.Trainable(brdf.networks)
-    optimizer = Adam(lr=lr, params={"weights": trainable.weights})
-    evaluators = {slot: trainable[slot] for slot in brdf.networks}
-    for step in range(steps):
-        wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(batch, seed=rng))
-        params = parameters.unflatten(brdf.parameters, [mi.Float(v) for v in _random(brdf.parameters, batch, rng)])
-        loss = brdf.imitation_error(wi, wo, params, evaluators)
-        dr.backward(loss)
-        dr.set_grad(optimizer["weights"], trainable.gradient())
-        optimizer.set_learning_rate(float(lr * 0.5 * (1 + np.cos(np.pi * step / steps))))
-        optimizer.step()
-        trainable.weights = optimizer["weights"]
-    return dataclasses.replace(brdf, networks=trainable.networks())
-
-
-def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Random parameter vectors, (P, n): uniform (log-uniform where optimised so) in the range, or around the start."""
-    rows = []
-    for p in space:
-        for _ in range(p.size):
-            if p.name == "latent":
-                row = rng.normal(p.initial, 0.5, n)
-            elif p.log:
-                row = np.exp(rng.uniform(np.log(max(p.low, 3e-3)), np.log(p.high), n))
-            else:
-                row = rng.uniform(p.low, p.high, n)
-            rows.append(row)
-    return np.asarray(rows, np.float32)
-
-
 def train(config: dict, folder: Path, *, progress: bool = True, callback: Callable | None = None) -> Trainer:
     """Train a network, or go on where an earlier run in `folder` stopped.
 
@@ -199,7 +157,8 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
     config : dict
         Entries of :data:`DEFAULTS` that differ from it.
     folder : Path
-        Keeps ``config.json``, ``checkpoint.npz`` and ``curve.jsonl`` (step, loss, seconds).
+        Keeps ``config.json``, ``checkpoint.npz``, ``network.bsdf`` (ready to fit with) and ``curve.jsonl``: per line the
+        step, the mean loss since the last line, also by kind of source and of the ``validation`` materials, seconds.
     progress : bool
         Show a bar with the loss.
     callback : callable, optional
@@ -226,32 +185,37 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
         raise ValueError(f'train(): "{file}" is of a run with other settings. Choose another folder, or remove it.')
     file.write_text(json.dumps(config, indent=2) + "\n")
     bar = _bar if progress else (lambda items, **_: items)
-    samples = build(
-        config["data"], n_samples=config["n_samples"], seed=config["seed"], cache=folder.parent / "cache",
+    read = lambda sources: build(  # noqa: E731
+        sources, n_samples=config["n_samples"], seed=config["seed"], cache=folder.parent / "cache",
         progress=lambda jobs: bar(jobs, desc="decode"),
-    )
+    )  # fmt: skip
+    samples = read(config["data"])
     brdf = enhance(
         config["model"], config["replace"], n_latent=config["n_latent"], hidden=config["hidden"],
         inputs=config["inputs"], seed=config["seed"],
-    )
+    )  # fmt: skip
     if checkpoint.exists():
         trainer = Trainer(brdf, samples, config, np.ones((len(samples.names), brdf.n_parameters)))
         trainer.resume(checkpoint)
     else:
         brdf = imitate(brdf, steps=config["imitation_steps"], seed=config["seed"])
         trainer = Trainer(brdf, samples, config, _analytic(brdf, samples))
+    unseen = read(config["validation"]) if config["validation"] else None
+    unseen_start = _analytic(brdf, unseen) if unseen else None
     start, first, losses = time.perf_counter(), trainer.step, []
     for _ in (steps := bar(range(trainer.step, config["steps"]), desc="train")):
         losses.append(trainer.advance())
         if trainer.step % _CHECKPOINT_EVERY == 0 or trainer.step == config["steps"]:
-            mean = float(np.mean(losses))
-            seconds = time.perf_counter() - start
+            mean, seconds = float(np.mean(losses)), time.perf_counter() - start
             record = {"step": trainer.step, "loss": mean, **_by_kind(samples.kinds, np.mean(losses, 0))}
+            if unseen:
+                record |= _validate(trainer.result(), unseen, unseen_start)
             with open(folder / "curve.jsonl", "a") as curve:
                 curve.write(json.dumps({**record, "seconds": round(seconds, 1)}) + "\n")
             if progress:
                 steps.set_postfix(loss=f"{mean:.5f}", samples=f"{_rate(trainer, first, seconds):.2f} M/s")
             trainer.save(checkpoint)
+            trainer.material().save(folder / "network.bsdf")
             losses = []
             if callback:
                 callback(trainer)
@@ -260,13 +224,34 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
 
 def _analytic(brdf: EnhancedBRDF, samples: TrainingSet) -> np.ndarray:
     """Where the materials start: the best fit of the analytic model, latent numbers at their initial value."""
-    m = len(samples.names)
-    rows = samples.samples.reshape(9, m, samples.n_samples)[:, :, :_START_SAMPLES].reshape(9, -1).copy()
-    wi, wo, f = mi.Vector3f(rows[:3]), mi.Vector3f(rows[3:6]), mi.Color3f(rows[6:])
-    analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), wi, wo, f, rows.shape[1] // m)
-    start = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (m, 1))
+    analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *_first_samples(samples, _START_SAMPLES), _START_SAMPLES)
+    start = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (len(analytic), 1))
     start[:, : analytic.shape[1]] = analytic
     return start
+
+
+def _representative(kinds: list[str]) -> np.ndarray:
+    """Materials that fits start from: all measured ones, and of the made-up ones as many, evenly spaced."""
+    made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes") for kind in kinds])
+    measured, rest = np.flatnonzero(~made_up), np.flatnonzero(made_up)
+    n = min(len(rest), max(len(measured), 100))
+    return np.sort(np.append(measured, rest[np.linspace(0, len(rest) - 1, n).astype(int)] if n else rest))
+
+
+def _validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> dict[str, float]:
+    """Mean loss of materials the networks do not train on, each fitted from its analytic fit."""
+    n = _START_SAMPLES
+    problem = Objective(brdf, *_first_samples(samples, n), n)
+    _, losses = levenberg.minimize(
+        problem.loss, problem.normal_equations, problem.space.to(start), problem.space.low, problem.space.high, steps=20
+    )
+    return {f"validation {kind}": loss for kind, loss in _by_kind(samples.kinds, losses).items()}
+
+
+def _first_samples(samples: TrainingSet, n: int) -> tuple:
+    """wi, wo and f of the first n samples of every material, as Dr.Jit arrays."""
+    rows = samples.samples.reshape(9, -1, samples.n_samples)[:, :, :n].reshape(9, -1)
+    return tuple(t(np.ascontiguousarray(rows[k : k + 3])) for k, t in ((0, mi.Vector3f), (3, mi.Vector3f), (6, mi.Color3f)))
 
 
 def _by_kind(kinds: list[str], losses: np.ndarray) -> dict[str, float]:

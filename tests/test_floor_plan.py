@@ -16,7 +16,7 @@ FLOORS = [
     ["models", "picture", "table"],
     ["enhance"],
     ["material", "specialize", "sampling", "objective", "levenberg"],
-    ["fit", "bsdfs"],
+    ["fit", "imitate", "bsdfs"],
     ["train", "search", "inverse", "report", "compare", "doctor"],
     ["demo"],
     ["commands"],

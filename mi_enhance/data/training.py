@@ -9,6 +9,7 @@ What is decoded, and how many of each, is said by a list of sources (the ``data`
 ``nps-mixtures``      `count` new materials: random mixtures of two latents of that file, channels permuted
 ``nbrdf``             every material of an NBRDF file
 ``synthetic``         `count` anisotropic GGX with rotated tangents and the paper's noise
+``two-lobes``         `count` materials with a sharp and a wide lobe, half of them anisotropic
 ``file``              one measured file that :func:`mi_enhance.data.load` reads
 ====================  =====================================================================================
 """
@@ -26,7 +27,7 @@ import numpy as np
 from . import Measurements, load, nbrdf, nps
 from ._io import replacing
 from .sampling import sample_pairs
-from .synthetic import ggx_anisotropic
+from .synthetic import ggx_anisotropic, two_lobes
 
 # A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.
 HELD_OUT_EVERY = 5
@@ -119,10 +120,12 @@ def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
         ]
     if kind == "synthetic":
         return [lambda k=k: ggx_anisotropic(seed + k, n)[0] for k in range(source["count"])]
+    if kind == "two-lobes":
+        return [lambda k=k: two_lobes(seed + k, n) for k in range(source["count"])]
     if kind == "file":
         return [lambda: load(source["path"], n_samples=n, seed=seed, material=source.get("material"))]
     raise ValueError(
-        f'training set: kind "{kind}" is unknown. Choose one of: nps, nps-mixtures, nbrdf, synthetic, file.'
+        f'training set: kind "{kind}" is unknown. Choose one of: nps, nps-mixtures, nbrdf, synthetic, two-lobes, file.'
     )
 
 

@@ -1,0 +1,63 @@
+"""Initial weights: each network first learns the term or operator that it replaces."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from drjit.opt import Adam
+
+from . import nn, parameters
+from .data.sampling import sample_pairs
+from .enhance import EnhancedBRDF
+
+
+def imitate(brdf: EnhancedBRDF, *, steps: int = 1000, batch: int = 8192, seed: int = 0, lr: float = 5e-3) -> EnhancedBRDF:
+    """Teach each network the term or operator it replaces, so that training starts where the analytic model is.
+
+    Parameters
+    ----------
+    brdf : EnhancedBRDF
+        Its networks are where the imitation starts.
+    steps, batch : int
+        Random pairs of directions, each with random parameters, per step.
+    seed : int
+        Of directions and parameters.
+    lr : float
+        Learning rate, falling to 0 along a cosine.
+
+    Returns
+    -------
+    EnhancedBRDF
+        With networks close to the original terms.
+    """
+    rng = np.random.default_rng(seed)
+    trainable = nn.Trainable(brdf.networks)
+    optimizer = Adam(lr=lr, params={"weights": trainable.weights})
+    for step in range(steps):
+        wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(batch, seed=rng))
+        params = parameters.unflatten(brdf.parameters, [mi.Float(v) for v in _random(brdf.parameters, batch, rng)])
+        loss = brdf.imitation_error(wi, wo, params, trainable)
+        dr.backward(loss)
+        dr.set_grad(optimizer["weights"], trainable.gradient())
+        optimizer.set_learning_rate(float(lr * 0.5 * (1 + np.cos(np.pi * step / steps))))
+        optimizer.step()
+        trainable.weights = optimizer["weights"]
+    return dataclasses.replace(brdf, networks=trainable.networks())
+
+
+def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Random parameter vectors, (P, n): uniform (log-uniform where optimised so) in the range, or around the start."""
+    rows = []
+    for p in space:
+        for _ in range(p.size):
+            if p.name == "latent":
+                row = rng.normal(p.initial, 0.5, n)
+            elif p.log:
+                row = np.exp(rng.uniform(np.log(max(p.low, 3e-3)), np.log(p.high), n))
+            else:
+                row = rng.uniform(p.low, p.high, n)
+            rows.append(row)
+    return np.asarray(rows, np.float32)
