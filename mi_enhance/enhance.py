@@ -50,7 +50,8 @@ class EnhancedBRDF:
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
         """The model's parameters, and ``latent`` if there is a network that reads it."""
-        extra = (parameters.latent(self.n_latent),) if any(m.n_folded for m in self.networks.values()) else ()
+        reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
+        extra = (parameters.latent(self.n_latent),) if reads_latent else ()
         return (*self.model.parameters, *extra)
 
     @property
@@ -206,7 +207,7 @@ def _parameter_features(p: Mapping, inputs: str) -> list:
         # log1p keeps rho_s, which spans 0 to 10, in the range of the others; 1e-4: sqrt has a finite slope at F0 = 0
         scaled = [dr.log(1 + c) for c in rho_s]
         analytic = [log_x, log_y, dr.sqrt(p["F0"] + 1e-4), *rho_d, *scaled, p["alpha_x"], p["alpha_y"], p["F0"]]
-    return [*analytic, *p["latent"]]
+    return [*analytic, *p.get("latent", ())]
 
 
 def _directional_features(q: Mapping) -> list:

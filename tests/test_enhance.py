@@ -189,3 +189,4 @@ def test_no_network_means_no_latent_parameter():
     assert enhance("ggx", ()).n_parameters == 12
     assert enhance("ggx", ("F*G",)).n_parameters == 12  # an operator looks at its operands only
     assert enhance("ggx", ("F",), n_latent=5).n_parameters == 17
+    assert enhance("ggx", ("F",), n_latent=0).n_parameters == 12

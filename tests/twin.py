@@ -75,7 +75,7 @@ def parameter_features(p, inputs):
     else:
         first = [np.log(p["alpha_x"]) / 4, np.log(p["alpha_y"]) / 4, np.sqrt(p["F0"] + 1e-4)]
         analytic = [*first, p["rho_d"], np.log1p(p["rho_s"]), p["alpha_x"], p["alpha_y"], p["F0"]]
-    return np.concatenate([*analytic, p["latent"]], -1)
+    return np.concatenate(analytic + ([p["latent"]] if "latent" in p else []), -1)
 
 
 def directional_features(wi, wo, h, alpha_x, alpha_y):
@@ -103,7 +103,7 @@ def brdf(wi, wo, params, networks=None, inputs="symmetric"):
     i, o, raw_i, raw_o = i[up], o[up], wi[up], wo[up]
     p = {key: v[up] for key, v in p.items()}
     h, a_x, a_y = unit(i + o), p["alpha_x"][:, 0], p["alpha_y"][:, 0]
-    constant = parameter_features(p, inputs) if networks and "latent" in p else None
+    constant = parameter_features(p, inputs) if networks else None
     if inputs == "directions":
         varying = np.concatenate([raw_i, raw_o], -1)
     else:

@@ -18,6 +18,7 @@ import numpy as np
 MAGIC = b"tensor_file\0"
 # Mitsuba's Struct types 1 to 11
 _DTYPES = "u1 i1 <u2 <i2 <u4 <i4 <u8 <i8 <f2 <f4 <f8".split()
+_MAX_AXES = 32  # measured files have up to 5
 _MAX_FIELDS = 4096  # a material has a few dozen; stops a damaged count before its names fill the memory
 
 
@@ -83,7 +84,9 @@ def fields(path, where):
         end_of_header = file.tell()
     for name, field in result.items():
         end = field.offset + math.prod(field.shape) * field.dtype.itemsize  # Python integers: no overflow
-        if field.offset < end_of_header or end > size:
+        # An empty field fits anywhere, but NumPy refuses an axis of 2**63, or 65 axes, without naming the file.
+        absurd = len(field.shape) > _MAX_AXES or max(field.shape, default=0) > size
+        if field.offset < end_of_header or end > size or absurd:
             raise ValueError(
                 f"{where}: field {name!r} with shape {field.shape} lies at bytes {field.offset} to {end}, "
                 f"the file has {size}. It is cut off or damaged; get it again."
