@@ -90,7 +90,7 @@ class Enhanced(mi.BSDF):
     def _read(self, props: mi.Properties, p: parameters.Parameter) -> None:
         """Take a parameter from the scene, else from the file."""
         value = self.m_material.params[p.name]
-        if props.has_property(p.name) and p.name != "latent":
+        if p.name in props and p.name != "latent":
             given, where = props[p.name], f'bsdf "enhanced" ("{self.id()}")'
             is_spectrum = p.name in _COLOURS and props.type(p.name) == mi.Properties.Type.Spectrum
             if is_spectrum or isinstance(given, mi.Texture):
@@ -225,11 +225,11 @@ class Enhanced(mi.BSDF):
 
 def _material(props: mi.Properties) -> Material:
     """From a file, or from the arrays of ``Material.to_dict()``."""
-    if props.has_property("filename"):
-        if props.has_property("weights"):
+    if "filename" in props:
+        if "weights" in props:
             raise ValueError('bsdf "enhanced": give filename or weights, not both.')
         return Material.load(str(mi.file_resolver().resolve(props["filename"])))
-    if not props.has_property("description"):
+    if "description" not in props:
         raise ValueError('bsdf "enhanced": the parameter "filename" is missing. Name a file made by mi-enhance fit.')
     return Material.from_arrays(props["description"], props["params"], props["weights"])
 
