@@ -1,7 +1,8 @@
 """Importance sampling: a mixture of visible GGX normals and the cosine, with its exact density (paper, section 5.2).
 
 The lobe is that of the analytic model with the parameters of the enhanced one. Mitsuba's own microfacet distribution
-draws the normals (Heitz 2018).
+draws the normals (Heitz 2018). The cosine is that of the surface, which the integrand has, not that of a tilted normal:
+their ratio has no bound.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Mapping
 import drjit as dr
 import mitsuba as mi
 
-from . import geometry
+from . import geometry, terms
 
 # Neither technique is ever left to chance alone: a share of 5 % bounds the weight of what the other one misses.
 _MIN_SHARE = 0.05
@@ -61,7 +62,7 @@ def sample(wi: mi.Vector3f, params: Mapping, share, sample1: mi.Float, sample2: 
     local = frame.to_local(wi)
     normal, _ = _distribution(params).sample(dr.select(local.z > 0, local, mi.Vector3f(0, 0, 1)), sample2)
     reflected = 2 * dr.dot(local, normal) * mi.Vector3f(normal) - local
-    return frame.to_world(dr.select(sample1 < share, reflected, mi.warp.square_to_cosine_hemisphere(sample2)))
+    return dr.select(sample1 < share, frame.to_world(reflected), mi.warp.square_to_cosine_hemisphere(sample2))
 
 
 def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, share) -> mi.Float:
@@ -69,16 +70,19 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, share) -> mi.Float:
 
     References
     ----------
-    Walter et al. 2007, eq. (24): d omega_h / d omega_o = 1 / (4 h.omega_o).
+    Heitz 2018, *Sampling the GGX Distribution of Visible Normals*, eqs. (3) and (17).
     """
     frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
     local_i, local_o = frame.to_local(wi), frame.to_local(wo)
     active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
     local_i, local_o = (dr.select(active, w, mi.Vector3f(0, 0, 1)) for w in (local_i, local_o))
     h = dr.normalize(local_i + local_o)
-    # 1e-8: h.wi vanishes only at the horizon, where the density of visible normals vanishes with it
-    lobe = _distribution(params).pdf(local_i, h) / (4 * dr.maximum(dr.dot(local_i, h), 1e-8))
-    cosine = mi.warp.square_to_cosine_hemisphere_pdf(local_o)
+    # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to 0
+    # or below at grazing angles and would leave a mirror direction without density.
+    a_x, a_y = params["alpha_x"], params["alpha_y"]
+    root = dr.sqrt(dr.square(local_i.z) + dr.square(a_x * local_i.x) + dr.square(a_y * local_i.y))
+    lobe = terms.D_ggx(h, a_x, a_y) / (2 * (local_i.z + root))
+    cosine = mi.warp.square_to_cosine_hemisphere_pdf(wo)
     return dr.select(active, dr.lerp(cosine, lobe, share), 0)
 
 
