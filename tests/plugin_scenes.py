@@ -1,0 +1,89 @@
+"""Materials, scenes and evaluations that the tests of the plugin share."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from mi_enhance.enhance import enhance
+from mi_enhance.material import Material
+
+# Every parameter away from its default, so that none can be mixed up or left out.
+VALUES = {
+    "n_x": 0.1, "n_y": -0.05, "t_theta": 0.4, "rho_d": (0.3, 0.2, 0.1), "rho_s": (0.5, 0.8, 1.2),
+    "alpha_x": 0.3, "alpha_y": 0.5, "F0": 0.2, "latent": np.linspace(0, 1, 27),
+}  # fmt: skip
+SUMMATION = 1e-5  # relative: threads add the samples of a pixel in any order
+
+
+def material(**values) -> Material:
+    """The paper's state with Xavier weights: nothing about the plugin depends on how good the networks are."""
+    return Material(enhance("ggx", seed=1), {**VALUES, **values})
+
+
+def analytic(**values) -> Material:
+    """GGX without networks."""
+    return Material.analytic("ggx").edit(**values)
+
+
+def bitmap(values) -> dict:
+    """Texture of the given texels (height, width, channels), without interpolation."""
+    data = mi.Bitmap(np.asarray(values, np.float32))
+    return {"type": "bitmap", "bitmap": data, "filter_type": "nearest", "raw": not mi.is_spectral}
+
+
+def scene(shapes, *, resolution=16, spp=64, integrator=None, emitter=None) -> mi.Scene:
+    """Objects at the origin, seen along a slanted direction, in a light that is bright on one side."""
+    angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    sky = 1 + 0.5 * np.cos(np.linspace(0, np.pi, 8))[:, None, None] + 0.4 * np.cos(angle)[None, :, None]
+    light = {"type": "envmap", "bitmap": mi.Bitmap((sky * np.array([1, 0.8, 0.6])).astype(np.float32))}
+    return mi.load_dict({
+        "type": "scene",
+        "integrator": integrator or {"type": "path", "max_depth": 3},
+        "sensor": {
+            "type": "perspective", "fov": 25,
+            "to_world": mi.ScalarTransform4f().look_at([0, -3, 5], [0, 0, 0], [0, 1, 0]),
+            "sampler": {"type": "independent", "sample_count": spp},
+            "film": {
+                "type": "hdrfilm", "width": resolution, "height": resolution, "rfilter": {"type": "box"},
+                "pixel_format": "luminance" if mi.is_monochromatic else "rgb",
+            },
+        },
+        "light": emitter or light,
+        **shapes,
+    })  # fmt: skip
+
+
+def ball(bsdf, **arguments) -> mi.Scene:
+    """A sphere with the given BSDF."""
+    return scene({"ball": {"type": "sphere", "bsdf": bsdf}}, **arguments)
+
+
+def hit(wi, uv=(0.5, 0.5)) -> mi.SurfaceInteraction3f:
+    """A hit on the plane z = 0, seen from the directions `wi` (N, 3)."""
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.wi = vectors(wi)
+    si.uv = mi.Point2f(*uv)
+    si.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+    si.dp_du, si.dp_dv = mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
+    return si
+
+
+def vectors(w) -> mi.Vector3f:
+    """Directions (N, 3) as a Mitsuba array."""
+    return mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T))
+
+
+def directions(n, seed=0, below=False) -> np.ndarray:
+    """Random unit vectors (N, 3), above the horizon unless `below`."""
+    w = np.random.default_rng(seed).normal(size=(n, 3))
+    w /= np.linalg.norm(w, axis=1, keepdims=True)
+    if not below:
+        w[:, 2] = np.abs(w[:, 2])
+    return w
+
+
+def evaluate(bsdf, wi, wo, uv=(0.5, 0.5)) -> np.ndarray:
+    """``eval`` as an array (N, channels)."""
+    return np.array(bsdf.eval(mi.BSDFContext(), hit(wi, uv), vectors(wo))).T

@@ -1,0 +1,128 @@
+"""Sampling of the plugin: the samples follow the density, the weights are eval over pdf, no energy is made."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from plugin_scenes import analytic, directions, hit, material, vectors
+
+SIGNIFICANCE = 0.01  # of all chi-square tests together: the Sidak correction asks the more of each, the more there are
+ROUNDING = 1e-4  # relative: near-mirror densities amplify the rounding of the half vector
+NOISE = 0.01  # of a mean of 3e5 weights
+QUADRATURE = 0.005  # of 250,000 stratified directions
+
+MATERIALS = {
+    "default": {"n_x": 0, "n_y": 0, "t_theta": 0, "alpha_x": 0.2, "alpha_y": 0.2},
+    "anisotropic, rotated, tilted": {"n_x": 0.2, "n_y": -0.1, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.4},
+    "near-mirror": {"n_x": 0, "n_y": 0, "rho_d": 0, "rho_s": 1, "alpha_x": 0.02, "alpha_y": 0.02},
+    "diffuse": {"n_x": 0.1, "rho_d": 0.9, "rho_s": 0.05, "alpha_x": 0.5, "alpha_y": 0.5},
+    "roughest": {"n_x": -0.05, "n_y": 0.1, "alpha_x": 1, "alpha_y": 1},
+}
+ANGLES = (0, 40, 85)  # degrees
+
+
+def view(degrees, azimuth=0.5):
+    theta = np.deg2rad(degrees)
+    return [float(np.sin(theta) * np.cos(azimuth)), float(np.sin(theta) * np.sin(azimuth)), float(np.cos(theta))]
+
+
+class LobeDomain:
+    """Azimuth and warped polar angle about an axis: cells as small as a near-mirror lobe where there is one."""
+
+    def __init__(self, axis, width):
+        self.frame, self.width = mi.Frame3f(mi.Vector3f(axis)), width
+
+    def bounds(self):
+        return mi.ScalarBoundingBox2f([-np.pi, 0], [np.pi, np.pi / (np.pi + self.width)])
+
+    def aspect(self):
+        return 1
+
+    def _angle(self, v):
+        return self.width * v / (1 - v)
+
+    def map_forward(self, p):
+        s, c = dr.sincos(self._angle(p.y))
+        return self.frame.to_world(mi.Vector3f(s * dr.cos(p.x), s * dr.sin(p.x), c))
+
+    def map_backward(self, w):
+        w = self.frame.to_local(w)
+        angle = dr.atan2(dr.sqrt(w.x * w.x + w.y * w.y), w.z)
+        return mi.Point2f(dr.atan2(w.y, w.x), angle / (angle + self.width))
+
+    def density(self, pdf):
+        """`pdf` per solid angle as one per unit of the domain."""
+
+        def result(w, *args):
+            v = self.map_backward(w).y
+            return pdf(w, *args) * dr.sin(self._angle(v)) * self.width / dr.square(1 - v)
+
+        return result
+
+
+@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("name", MATERIALS)
+def test_samples_follow_the_density(llvm, name, degrees, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # a failing test writes its histograms
+    sample, pdf = mi.chi2.BSDFAdapter("enhanced", material(**MATERIALS[name]).to_dict(), wi=view(degrees))
+    domain = mi.chi2.SphericalDomain()
+    if name == "near-mirror":
+        domain = LobeDomain(np.multiply(view(degrees), (-1, -1, 1)), 4 * MATERIALS[name]["alpha_x"])
+        pdf = domain.density(pdf)
+    test = mi.chi2.ChiSquareTest(domain, sample, pdf, sample_dim=3, sample_count=400_000, ires=8)
+    assert test.run(SIGNIFICANCE, test_count=len(MATERIALS) * len(ANGLES), quiet=True), test.messages
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_weight_is_eval_over_pdf(llvm, name):
+    n = 20_000
+    b, ctx, si = material(**MATERIALS[name]).bsdf(), mi.BSDFContext(), hit(directions(n))
+    u = np.random.default_rng(0).random((3, n)).astype(np.float32)
+    bs, weight = b.sample(ctx, si, mi.Float(u[0]), mi.Point2f(u[1:]))
+    value, pdf = (np.array(v).T for v in b.eval_pdf(ctx, si, bs.wo))
+    np.testing.assert_allclose(np.array(b.eval(ctx, si, bs.wo)).T, value, rtol=ROUNDING)
+    np.testing.assert_allclose(np.array(b.pdf(ctx, si, bs.wo)), pdf, rtol=ROUNDING)
+    np.testing.assert_allclose(np.array(bs.pdf), pdf, rtol=ROUNDING)
+    drawn, weight = pdf > 0, np.array(weight).T
+    np.testing.assert_allclose(weight[drawn], value[drawn] / pdf[drawn, None], rtol=ROUNDING)
+    assert not weight[~drawn].any() and drawn.mean() > 0.5
+    assert (np.array(bs.wo.z)[drawn] > 0).all()
+    np.testing.assert_allclose(np.array(dr.norm(bs.wo)), 1, atol=1e-5)
+    assert (np.array(bs.eta) == 1).all() and (np.array(bs.sampled_component) == 0).all()
+
+
+def albedo_by_sampling(b, wi, n=300_000):
+    """The mean weight."""
+    u = [mi.Float(v) for v in np.random.default_rng(0).random((3, n)).astype(np.float32)]
+    _, weight = b.sample(mi.BSDFContext(), hit(np.tile(wi, (n, 1))), u[0], mi.Point2f(u[1], u[2]))
+    return np.array(dr.mean(weight, axis=1)).ravel()
+
+
+def albedo_by_quadrature(b, wi, n=500):
+    """Midpoints, uniform in the projected solid angle: f cos / (cos / pi) is f pi."""
+    u, v = np.meshgrid((np.arange(n) + 0.5) / n, (np.arange(n) + 0.5) / n * 2 * np.pi)
+    r = np.sqrt(u)
+    wo = np.stack([r * np.cos(v), r * np.sin(v), np.sqrt(1 - u)], -1).reshape(-1, 3)
+    value = np.array(b.eval(mi.BSDFContext(), hit(np.tile(wi, (n * n, 1))), vectors(wo))).T
+    return (value / wo[:, 2:]).mean(0) * np.pi
+
+
+@pytest.mark.parametrize("degrees", (20, 70))
+def test_mean_weight_is_the_albedo(llvm, degrees):
+    """Holds for any networks: nothing that reflects is left out by the sampling."""
+    b = material().bsdf()
+    np.testing.assert_allclose(
+        albedo_by_sampling(b, view(degrees)), albedo_by_quadrature(b, view(degrees)), rtol=NOISE + QUADRATURE
+    )
+
+
+@pytest.mark.parametrize("alpha", (0.02, 0.3, 1.0))
+@pytest.mark.parametrize("degrees", (0, 60, 85))
+def test_white_furnace_makes_no_energy(llvm, alpha, degrees):
+    """GGX without networks, F0 = 1: what is lost is shadowed, at most 1 comes back, nearly all of it when smooth."""
+    b = analytic(alpha_x=alpha, alpha_y=alpha, F0=1.0, rho_d=0.0, rho_s=1.0).bsdf()
+    albedo = albedo_by_sampling(b, view(degrees))
+    assert (albedo <= 1 + NOISE).all()
+    assert albedo.min() > {0.02: 0.85, 0.3: 0.6, 1.0: 0.3}[alpha]
