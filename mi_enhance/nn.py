@@ -209,7 +209,7 @@ class Trainable:
 
     def __init__(self, networks: dict[str, MLP]):
         self._networks = networks
-        self._pending = []
+        self.pending = []  # operands of the weight gradients: offsets, activations, output gradients
         self._slots, offset = {}, 0
         for slot, mlp in networks.items():
             self._slots[slot] = _TrainableSlot(self, mlp, offset)
@@ -230,16 +230,20 @@ class Trainable:
 
         Must follow ``dr.backward``; evaluates every kernel that is still open.
         """
-        result = np.zeros(len(self.weights), np.float32)
-        dr.eval([(a, z) for *_, a, z in self._pending])
-        for w_offset, b_offset, a, z in self._pending:
+        pending, result = self.take(), np.zeros(len(self.weights), np.float32)
+        dr.eval([(a, z) for *_, a, z in pending])
+        for w_offset, b_offset, a, z in pending:
             # dW = sum over samples of (output gradient) x (input); the input of a bias is 1
             for offset, x in ((w_offset, a), (b_offset, None)):
                 if offset is not None:
                     product = np.ravel(_product(z, x))
                     result[offset : offset + product.size] += product
-        self._pending = []
         return mi.Float(result)
+
+    def take(self) -> list:
+        """Hand out what :attr:`pending` holds, and forget it."""
+        pending, self.pending = self.pending, []
+        return pending
 
 
 # Rows per product on the CPU: small enough for one core's cache, and for OpenBLAS to stay on one thread; its threads
@@ -339,7 +343,7 @@ class _TrainableOp(dr.CustomOp):
                 break
             if self.record:
                 b_offset = None if k_b is None else places[k_b][0]
-                self.slot._owner._pending.append((places[k_w][0], b_offset, _rows(self.inputs[k], n), _rows(dz, n)))
+                self.slot._owner.pending.append((places[k_w][0], b_offset, _rows(self.inputs[k], n), _rows(dz, n)))
             da = list(dnn.matvec(self.slot._view(k_w), dnn.CoopVec(*dz), transpose=True))
             if k == 0:
                 self.set_grad_in("x", da)

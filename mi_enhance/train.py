@@ -68,6 +68,8 @@ class Trainer:
         self._data = [mi.Float(row) for row in samples.samples]
         self._space = space = parameters.Space(brdf.parameters)
         repeat = lambda v: mi.Float(np.repeat(v, self.n_materials).astype(np.float32))  # noqa: E731
+        # Tracing takes as long as the kernels; they are the same in every step.
+        self._backward = dr.freeze(lambda *inputs: self._trace_backward(*inputs))
         self._low, self._high = repeat(space.low), repeat(space.high)
         self.optimizer = Adam(lr=config["lr"])
         self.optimizer["weights"] = self.trainable.weights
@@ -85,16 +87,19 @@ class Trainer:
 
     def gradients(self) -> tuple[np.ndarray, mi.Float, mi.Float]:
         """Loss per material on the next batch (eq. 1), gradient of the weights, gradient of the parameters."""
-        n = self.config["batch"]
-        index = self._indices()
-        rows = [dr.gather(mi.Float, row, index) for row in self._data]
+        weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
+        loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices())
+        return np.array(loss, np.float64) / self.config["batch"], self.trainable.gradient(), gradient
+
+    def _trace_backward(self, weights, flat, data, index):
+        """Sum of the loss per material, gradient of the parameters, and what the gradient of the weights is made of."""
+        rows = [dr.gather(mi.Float, row, index) for row in data]
         wi, wo, f = mi.Vector3f(*rows[:3]), mi.Vector3f(*rows[3:6]), mi.Color3f(*rows[6:])
-        objective = Objective(self.brdf, wi, wo, f, n, self.trainable)
-        flat = mi.Float(dr.detach(self.optimizer["parameters"]))
-        dr.enable_grad(flat)
-        loss, gradient = objective.gradient(flat)
-        weights = self.trainable.gradient()
-        return np.array(dr.block_sum(loss, n), np.float64) / n, weights, gradient
+        n = self.config["batch"]
+        self.trainable.weights = weights
+        dr.enable_grad(weights, flat)
+        loss, gradient = Objective(self.brdf, wi, wo, f, n, self.trainable).gradient(flat)
+        return dr.block_sum(loss, n), gradient, self.trainable.take()
 
     def advance(self) -> np.ndarray:
         """Take one step and return the loss of every material before it."""
