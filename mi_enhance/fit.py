@@ -84,7 +84,7 @@ def fit(
     seconds_analytic = time.perf_counter() - start
     loss = loss_analytic
     if material.brdf.networks:
-        starts = [_given(material.brdf, material), np.append(vector, np.full(material.brdf.n_latent, 0.5))]
+        starts = [_given(material.brdf, material), np.append(vector, np.full(material.brdf.n_parameters - len(vector), 0.5))]
         vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library)
     report = {
         "model": str(material.brdf),
