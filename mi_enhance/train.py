@@ -6,7 +6,9 @@ One step sees the same few samples of every material. A fused kernel evaluates a
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import gc
 import json
 import time
 from collections.abc import Callable
@@ -88,7 +90,8 @@ class Trainer:
     def gradients(self) -> tuple[np.ndarray, mi.Float, mi.Float]:
         """Loss per material on the next batch (eq. 1), gradient of the weights, gradient of the parameters."""
         weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
-        loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices())
+        with _no_collection():
+            loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices())
         return np.array(loss, np.float64) / self.config["batch"], self.trainable.gradient(), gradient
 
     def _trace_backward(self, weights, flat, data, index):
@@ -225,6 +228,21 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
             if callback:
                 callback(trainer)
     return trainer
+
+
+@contextlib.contextmanager
+def _no_collection():
+    """Keep Python's garbage collector from freeing the frozen step of an earlier trainer while Dr.Jit records another.
+
+    It is part of a reference cycle inside Dr.Jit, so only the collector frees it; during a recording that aborts the process.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def _analytic(brdf: EnhancedBRDF, samples: TrainingSet) -> np.ndarray:

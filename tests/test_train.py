@@ -1,0 +1,168 @@
+"""Training on synthetic materials: networks imitate, losses fall, and a killed run goes on to the bit."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import lanes
+import numpy as np
+import pytest
+import twin
+
+from mi_enhance import nn
+from mi_enhance.enhance import enhance
+from mi_enhance.imitate import imitate
+from mi_enhance.material import Material
+from mi_enhance.train import train
+
+CONFIG = {
+    "data": [{"kind": "synthetic", "count": 3}],
+    "n_samples": 1024,
+    "batch": 64,
+    "steps": 40,
+    "imitation_steps": 3,
+    "hidden": [8, 8],
+    "n_latent": 4,
+}
+
+
+def final(trainer):
+    return nn.flatten(trainer.result().networks), trainer.parameters()
+
+
+def test_imitation_gets_close_to_the_terms(llvm):
+    """Each network within a factor of 1.5 of its term, typically: exp of the root mean square of the logarithms."""
+    brdf = enhance("ggx", seed=0)
+    taught = imitate(brdf, steps=150, batch=2048)
+    wi, wo = twin.pairs(4000, seed=1, min_cos=0.1)
+    p = twin.parameters(4000, seed=2, tilt=0.1)
+
+    def error(b):
+        total = b.imitation_error(lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b))
+        return float(total[0]) / len(b.networks)
+
+    assert np.sqrt(error(taught)) < np.log(1.5) < np.sqrt(error(brdf))
+    # and so does the whole BRDF, which the analytic model is the measure of
+    f, analytic = lanes.evaluate(taught, wi, wo, p), twin.brdf(wi, wo, p)
+    raw = lanes.evaluate(brdf, wi, wo, p)
+    distance = lambda a: twin.log_l1(a, analytic, wo[:, 2].astype(np.float64))  # noqa: E731
+    assert distance(f) < 0.25 * distance(raw)
+
+
+def test_imitation_is_repeatable(llvm):
+    brdf = enhance("ggx", seed=0, hidden=(8,))
+    a, b = (nn.flatten(imitate(brdf, steps=5, batch=256, seed=3).networks) for _ in range(2))
+    assert np.array_equal(a, b) and not np.array_equal(a, nn.flatten(brdf.networks))
+
+
+@pytest.fixture
+def every_20(monkeypatch):
+    """A checkpoint every 20 steps instead of 500."""
+    import importlib
+
+    monkeypatch.setattr(importlib.import_module("mi_enhance.train"), "_CHECKPOINT_EVERY", 20)
+
+
+def test_loss_falls_on_three_materials(llvm, every_20, tmp_path):
+    trainer = train({**CONFIG, "steps": 400, "imitation_steps": 20}, tmp_path / "run", progress=False)
+    curve = [json.loads(line) for line in (tmp_path / "run/curve.jsonl").read_text().splitlines()]
+    assert [c["step"] for c in curve] == list(range(20, 401, 20))
+    assert curve[-1]["loss"] < 0.5 * curve[0]["loss"]
+    assert trainer.step == 400 and all(np.isfinite(v).all() for v in final(trainer))
+
+
+def test_killed_run_goes_on_to_the_bit(llvm, every_20, tmp_path):
+    class Killed(Exception):
+        pass
+
+    def kill(trainer):
+        raise Killed
+
+    whole = final(train(CONFIG, tmp_path / "whole", progress=False))
+    with pytest.raises(Killed):
+        train(CONFIG, tmp_path / "killed", progress=False, callback=kill)
+    resumed = train(CONFIG, tmp_path / "killed", progress=False)
+    assert resumed.step == CONFIG["steps"]
+    for a, b in zip(whole, final(resumed), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_finished_run_is_returned_as_it_is(llvm, tmp_path):
+    first = train(CONFIG, tmp_path / "run", progress=False)
+    again = train(CONFIG, tmp_path / "run", progress=False)
+    for a, b in zip(final(first), final(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_network_file_holds_what_was_trained(llvm, tmp_path):
+    trainer = train(CONFIG, tmp_path / "run", progress=False)
+    network = Material.load(tmp_path / "run/network.bsdf")
+    assert np.array_equal(nn.flatten(network.brdf.networks), final(trainer)[0])
+    assert network.library.shape == (3, 12 + 4)
+    np.testing.assert_allclose(network.library, trainer.parameters(), rtol=1e-6, atol=1e-7)  # float32 in the file
+
+
+def test_unknown_setting_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"train\(\): unknown entries \['learning_rate'\]\. Choose from: model, replace, "):
+        train({"learning_rate": 1}, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_folder_of_another_run_is_refused(llvm, tmp_path):
+    train(CONFIG, tmp_path / "run", progress=False)
+    kept = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
+    with pytest.raises(ValueError, match=r'config\.json" is of a run with other settings\. Choose another folder'):
+        train({**CONFIG, "lr": 1e-4}, tmp_path / "run", progress=False)
+    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == kept
+
+
+def test_gradients_of_a_step_are_those_of_the_loss(llvm, tmp_path):
+    """Against the twin: a small step against the gradient lowers the loss as much as the gradient says."""
+    trainer = train({**CONFIG, "steps": 1}, tmp_path / "run", progress=False)
+    loss, weights, _ = trainer.gradients()
+    rows = np.array([np.array(row) for row in trainer._data])[:, np.array(trainer._indices())]
+    wi, wo, f = rows[:3].T, rows[3:6].T, rows[6:].T.astype(np.float64)
+    values = trainer.parameters()
+    p, offset = {}, 0
+    for q in trainer.brdf.parameters:
+        p[q.name] = np.repeat(values[:, offset : offset + q.size], CONFIG["batch"], 0)
+        offset += q.size
+    start = nn.flatten(trainer.trainable.networks()).astype(np.float64)
+    direction = np.array(weights, np.float64)
+    direction /= np.linalg.norm(direction)
+
+    def at(step):
+        networks = nn.unflatten(trainer.brdf.networks, start.astype(np.float32))
+        moved = nn.unflatten(trainer.brdf.networks, (start + step * direction).astype(np.float32))
+        layers = {s: m.layers for s, m in (networks if step == 0 else moved).items()}
+        return twin.log_l1(twin.brdf(wi, wo, p, layers), f, wo[:, 2].astype(np.float64))
+
+    assert loss.mean() == pytest.approx(at(0), rel=1e-4)
+    slope = (at(1e-3) - at(-1e-3)) / 2e-3
+    assert slope == pytest.approx(np.linalg.norm(np.array(weights)), rel=0.02)  # of the kinks of |r| and of the ReLUs
+
+
+def test_materials_trained_together_do_not_touch_each_other(llvm, tmp_path):
+    """The gradient of one material's parameters is the same whatever the others are."""
+    from mi_enhance.data.training import TrainingSet
+    from mi_enhance.train import DEFAULTS, Trainer
+
+    trainer = train({**CONFIG, "steps": 1}, tmp_path / "run", progress=False)
+    samples, values = trainer.samples, trainer.parameters()
+    changed = samples.samples.copy()
+    changed[6:, samples.n_samples :] *= 2  # the second and third material are brighter
+    settings = ({**DEFAULTS, **CONFIG}, values)
+    a = Trainer(trainer.brdf, samples, *settings).gradients()[2]
+    other = TrainingSet(samples.names, samples.kinds, changed, samples.n_samples)
+    b = Trainer(trainer.brdf, other, *settings).gradients()[2]
+    a, b = (np.array(v).reshape(-1, 3) for v in (a, b))
+    np.testing.assert_allclose(a[:, 0], b[:, 0], rtol=1e-5, atol=1e-9)
+    assert np.abs(a[:, 1:] - b[:, 1:]).max() > 1e-4
+
+
+def test_result_is_the_brdf_with_the_trained_weights(llvm, tmp_path):
+    trainer = train({**CONFIG, "steps": 2}, tmp_path / "run", progress=False)
+    expected = dataclasses.replace(trainer.brdf, networks=trainer.trainable.networks())
+    assert str(trainer.result()) == str(expected)
+    assert np.array_equal(nn.flatten(trainer.result().networks), nn.flatten(expected.networks))
