@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import mi_enhance  # noqa: F401  (before mitsuba)
-
-import drjit as dr  # isort: skip
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 import twin
+from lanes import vectors
 
 from mi_enhance import geometry
 
 ROUNDING = 1e-6  # float32 has 6e-8; a few operations deep
-
-
-def vectors(w):
-    return mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T))
 
 
 def test_frame_is_the_twins(llvm):

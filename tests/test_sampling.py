@@ -86,7 +86,9 @@ def test_density_is_zero_below_either_horizon(llvm):
     rng = np.random.default_rng(1)
     wi, wo = twin.unit(rng.normal(size=(2, 4000, 3))).astype(np.float32)
     n = twin.frame(*TILTED)[2]
-    density = np.array(sampling.pdf(lanes.vectors(wi), lanes.vectors(wo), parameters((0.3, 0.3), TILTED), mi.Float(0.5)))
+    density = np.array(
+        sampling.pdf(lanes.vectors(wi), lanes.vectors(wo), parameters((0.3, 0.3), TILTED), mi.Float(0.5))
+    )
     below = (np.minimum(wi[:, 2], wo[:, 2]) <= 0) | (np.minimum(wi @ n, wo @ n) < -1e-6)
     above = (np.minimum(wi[:, 2], wo[:, 2]) > 0) & (np.minimum(wi @ n, wo @ n) > 1e-3)
     assert not density[below].any() and (density[above] > 0).all()
@@ -120,7 +122,14 @@ def test_weights_are_bounded(llvm, alpha, frame):
 
 @pytest.mark.parametrize(
     "rho_d, rho_s, lobe, expected",
-    [(0, 0, 0.5, 0.05), (1, 0, 0.5, 0.05), (0, 1, 0.5, 0.95), (0.5, 1, 0.5, 0.5), (0.5, 1, 0.0, 0.05), (0.1, 10, 0.04, 0.8)],
+    [
+        (0, 0, 0.5, 0.05),
+        (1, 0, 0.5, 0.05),
+        (0, 1, 0.5, 0.95),
+        (0.5, 1, 0.5, 0.5),
+        (0.5, 1, 0.0, 0.05),
+        (0.1, 10, 0.04, 0.8),
+    ],
 )
 def test_share_follows_the_albedos_and_never_leaves_a_technique_out(llvm, rho_d, rho_s, lobe, expected):
     p = {"rho_d": mi.Color3f(rho_d), "rho_s": mi.Color3f(rho_s)}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import mi_enhance  # noqa: F401  (before mitsuba)
-
-import mitsuba as mi  # isort: skip
+import mitsuba as mi
 import numpy as np
 import pytest
 import twin
+from lanes import vectors
 
 from mi_enhance import enhance, parameters, terms
 
@@ -16,10 +15,6 @@ ROUNDING = 2e-6  # relative; float32 has 6e-8, a dozen operations and the expone
 TWO_CODES = 1e-5
 
 ALPHAS = [(1e-4, 1e-4), (1e-4, 1.0), (0.003, 0.5), (0.1, 0.1), (0.7, 0.2), (1.0, 1.0)]
-
-
-def vectors(w):
-    return mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T))
 
 
 def directions(n=2000, seed=0):
@@ -73,7 +68,9 @@ def test_G_is_the_twins_and_a_fraction(llvm, alpha):
     a_x, a_y = np.float32(alpha).astype(np.float64)
     got = np.array(terms.G_smith_ggx(vectors(wi), vectors(wo), mi.Float(a_x), mi.Float(a_y)), np.float64)
     # The two forms, with cos and with tan, differ by what float32 directions miss of unit length: not at all.
-    np.testing.assert_allclose(got, twin.G_smith_ggx(*(w.astype(np.float64) for w in (wi, wo)), a_x, a_y), rtol=ROUNDING)
+    np.testing.assert_allclose(
+        got, twin.G_smith_ggx(*(w.astype(np.float64) for w in (wi, wo)), a_x, a_y), rtol=ROUNDING
+    )
     assert got.min() >= 0 and got.max() <= 1
 
 
@@ -90,7 +87,9 @@ def test_inv_E_is_the_twins_with_a_floor(llvm):
 
 
 def test_M_and_S_are_albedo_over_pi_and_albedo(llvm):
-    np.testing.assert_allclose(np.array(terms.M_lambert(mi.Color3f(0.1, 0.2, 1.0)))[:, 0] * np.pi, [0.1, 0.2, 1], rtol=1e-6)
+    np.testing.assert_allclose(
+        np.array(terms.M_lambert(mi.Color3f(0.1, 0.2, 1.0)))[:, 0] * np.pi, [0.1, 0.2, 1], rtol=1e-6
+    )
     assert np.array_equal(np.array(terms.S_constant(mi.Color3f(0, 2, 10)))[:, 0], [0, 2, 10])
 
 
@@ -106,7 +105,16 @@ def test_analytic_ggx_is_mitsubas_rough_conductor(llvm, alpha):
     si.wi, si.n, si.sh_frame = vectors(wi), mi.Normal3f(0, 0, 1), mi.Frame3f(mi.Normal3f(0, 0, 1))
     expected = np.array(conductor.eval(mi.BSDFContext(), si, vectors(wo))).T / wo[:, 2:]
     brdf = enhance("ggx", replace=())
-    values = {"rho_d": 0, "rho_s": 1, "F0": 1, "n_x": 0, "n_y": 0, "t_theta": 0, "alpha_x": alpha[0], "alpha_y": alpha[1]}
+    values = {
+        "rho_d": 0,
+        "rho_s": 1,
+        "F0": 1,
+        "n_x": 0,
+        "n_y": 0,
+        "t_theta": 0,
+        "alpha_x": alpha[0],
+        "alpha_y": alpha[1],
+    }
     p = {q.name: (mi.Color3f if q.size == 3 else mi.Float)(values[q.name]) for q in brdf.parameters}
     got = np.array(brdf(vectors(wi), vectors(wo), p)).T
     assert parameters.count(brdf.parameters) == 12

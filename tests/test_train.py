@@ -73,14 +73,14 @@ def test_loss_falls_on_three_materials(llvm, every_20, tmp_path):
 
 
 def test_killed_run_goes_on_to_the_bit(llvm, every_20, tmp_path):
-    class Killed(Exception):
+    class KilledError(Exception):
         pass
 
     def kill(trainer):
-        raise Killed
+        raise KilledError
 
     whole = final(train(CONFIG, tmp_path / "whole", progress=False))
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         train(CONFIG, tmp_path / "killed", progress=False, callback=kill)
     resumed = train(CONFIG, tmp_path / "killed", progress=False)
     assert resumed.step == CONFIG["steps"]
@@ -104,7 +104,9 @@ def test_network_file_holds_what_was_trained(llvm, tmp_path):
 
 
 def test_unknown_setting_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"train\(\): unknown entries \['learning_rate'\]\. Choose from: model, replace, "):
+    with pytest.raises(
+        ValueError, match=r"train\(\): unknown entries \['learning_rate'\]\. Choose from: model, replace, "
+    ):
         train({"learning_rate": 1}, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 

@@ -1,0 +1,44 @@
+"""The examples in the docstrings run and say the truth."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+
+import mi_enhance  # (before mitsuba)
+
+import drjit as dr  # isort: skip
+import mitsuba as mi
+import numpy as np
+import pytest
+
+MODULES = sorted(
+    m.name for m in pkgutil.walk_packages(mi_enhance.__path__, "mi_enhance.") if not m.name.endswith("__main__")
+)
+OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of(llvm, name):
+    module = importlib.import_module(name)
+    tests = doctest.DocTestFinder(exclude_empty=True).find(module, extraglobs={"mi": mi, "dr": dr, "np": np})
+    tests = [t for t in tests if t.examples]
+    runner = doctest.DocTestRunner(optionflags=OPTIONS)
+    with np.printoptions(legacy=False):  # colour-science sets NumPy 1.13's for the whole process once it is imported
+        for test in tests:
+            runner.run(test)
+    assert runner.failures == 0
+
+
+def test_every_module_is_looked_at():
+    assert {"mi_enhance.geometry", "mi_enhance.terms", "mi_enhance.fit", "mi_enhance.data.merl"} <= set(MODULES)
+
+
+def test_examples_exist():
+    """Terms and the names that the package exports are shown in use."""
+    from mi_enhance import enhance, fit, material, terms
+
+    found = [f for n, f in vars(terms).items() if callable(f) and getattr(f, "__module__", "") == terms.__name__]
+    for item in [*found, enhance, fit, material.Material]:
+        assert ">>>" in (item.__doc__ or ""), item
