@@ -32,6 +32,7 @@ _NAMES = {
     "fit": "fit",
     "train": "train",
     "compare": "compare",
+    "shader_ball": "scene",
 }
 __all__ = ["__version__", *_MODULES, *_NAMES]
 

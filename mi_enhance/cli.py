@@ -33,7 +33,7 @@ def main(argv: list[str] | None = None) -> int:
     >>> main(["show", "gold.bsdf"])  # doctest: +SKIP
     0
     """
-    args = _parser().parse_args(argv)
+    args = parser().parse_args(argv)
     try:
         if _llvm.problem and args.command != "doctor":
             raise ImportError(_llvm.problem)
@@ -62,7 +62,7 @@ def _one_line(error: BaseException) -> str:
     return " ".join(lines).removeprefix("mi_enhance: ")
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="mi-enhance", description="Neural enhancement of analytical BRDFs for Mitsuba 3."
     )

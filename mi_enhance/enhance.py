@@ -19,8 +19,8 @@ INPUTS = ("symmetric", "directions")
 _DIRECTIONAL = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
 
 # Outputs of a network are logarithms of what they stand for, so every term stays positive and a product of terms is
-# a sum that is easy to learn. exp(+-30) = 1e+-13 times D = 1e7 is still far from the float32 limit of 3e38.
-_MAX_LOG = 30.0
+# a sum that is easy to learn. Four of them in a row (D, F, G, 1/E) reach exp(80) = 5e34, within float32's 3e38.
+_MAX_LOG = 20.0
 # Floor of an operand before its logarithm is taken: an analytic operand may be exactly 0 (rho_s = 0, F0 = 0).
 _MIN_OPERAND = 1e-6
 
@@ -92,9 +92,7 @@ class EnhancedBRDF:
         """
         # Operators see their operands only: with no other network the material has no latent numbers to read.
         features = _parameter_features(params, self.inputs) if any(m.n_folded for m in self.networks.values()) else []
-        return {
-            slot: evaluators[slot].fold(features if mlp.n_folded else []) for slot, mlp in self.networks.items()
-        }
+        return {slot: evaluators[slot].fold(features if mlp.n_folded else []) for slot, mlp in self.networks.items()}
 
     def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """Reflectance f_r.
@@ -118,8 +116,9 @@ class EnhancedBRDF:
         Examples
         --------
         >>> brdf = enhance("ggx", replace=())
-        >>> p = {k: mi.Float(v) if len(v) == 1 else mi.Color3f(v) for k, v in parameters.initial(brdf.parameters).items()}
-        >>> f = brdf(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1), p)
+        >>> vector = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
+        >>> params = parameters.unflatten(brdf.parameters, [mi.Float(v) for v in vector])
+        >>> f = brdf(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1), params)
         """
         graph, record, active = self.prepare(wi, wo, params, evaluators, folded)
         return graph(record) & active
@@ -138,7 +137,8 @@ class EnhancedBRDF:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
             x = _directional_features(record) if self.inputs == "symmetric" else [*wi, *wo]
-            graph = graph.replace({slot: self._function(slot, x, evaluators[slot], folded[slot]) for slot in self.networks})
+            stand_ins = {slot: self._function(slot, x, evaluators[slot], folded[slot]) for slot in self.networks}
+            graph = graph.replace(stand_ins)
         return graph, record, active
 
     def imitation_error(self, wi, wo, params: Mapping, evaluators: Mapping):

@@ -84,7 +84,10 @@ def fit(
     seconds_analytic = time.perf_counter() - start
     loss = loss_analytic
     if material.brdf.networks:
-        starts = [_given(material.brdf, material), np.append(vector, np.full(material.brdf.n_parameters - len(vector), 0.5))]
+        starts = [
+            _given(material.brdf, material),
+            np.append(vector, np.full(material.brdf.n_parameters - len(vector), 0.5)),
+        ]
         vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library)
     report = {
         "model": str(material.brdf),
@@ -109,8 +112,10 @@ def require_rgb(where: str) -> None:
     """Raise unless a variant is active in which RGB parameters can be optimised."""
     variant = mi.variant() or "none"
     if not variant.endswith("_rgb") or "_ad_" not in variant:
-        raise RuntimeError(f'{where}: needs an RGB variant with gradients; "{variant}" is active. '
-                           'Call mi.set_variant("llvm_ad_rgb") first.')
+        raise RuntimeError(
+            f'{where}: needs an RGB variant with gradients; "{variant}" is active. '
+            'Call mi.set_variant("llvm_ad_rgb") first.'
+        )
 
 
 def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, index=slice(None)) -> Objective:
@@ -144,20 +149,30 @@ def _lm(brdf, measurements, starts, rng, callback, library=None) -> tuple[np.nda
     elif library is not None:
         starts = [*starts, *_nearest(brdf, measurements, library, order[:1024])]
     space = parameters.Space(brdf.parameters)
-    u, losses = space.to(np.array(starts)), None
+    u, losses, used = space.to(np.array(starts)), None, 0
     for samples, survivors, steps in _STAGES:
-        if losses is not None:
-            if survivors == 1 and samples is None and n <= used:
-                break  # these samples were all of them
-            u = u[np.argsort(losses)[:survivors]]
+        if used == n:
+            break  # a later stage would see the same samples
         used = min(samples or n, n)
+        if losses is not None:
+            u = u[np.argsort(losses)[:survivors]]
         problem = objective(brdf, measurements, len(u), order[:used])
         u, losses = levenberg.minimize(
-            problem.loss, problem.normal_equations, u, space.low, space.high, steps=steps, tolerance=1e-3,
-            callback=lambda step, best, used=used: callback(f"{stage}, {used} samples", step, float(best.min())),
-        )  # fmt: skip
+            problem.loss,
+            problem.normal_equations,
+            u,
+            space.low,
+            space.high,
+            steps=steps,
+            tolerance=1e-3,
+            callback=_reporter(callback, f"{stage}, {used} samples"),
+        )
     best = int(np.argmin(losses))
     return space.back(u[best]), losses[best]
+
+
+def _reporter(callback: Callable, stage: str) -> Callable:
+    return lambda step, losses: callback(stage, step, float(losses.min()))
 
 
 def _nearest(brdf, measurements, library: np.ndarray, index: np.ndarray) -> np.ndarray:

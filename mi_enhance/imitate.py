@@ -14,7 +14,9 @@ from .data.sampling import sample_pairs
 from .enhance import EnhancedBRDF
 
 
-def imitate(brdf: EnhancedBRDF, *, steps: int = 1000, batch: int = 8192, seed: int = 0, lr: float = 5e-3) -> EnhancedBRDF:
+def imitate(
+    brdf: EnhancedBRDF, *, steps: int = 1000, batch: int = 8192, seed: int = 0, lr: float = 5e-3
+) -> EnhancedBRDF:
     """Teach each network the term or operator it replaces, so that training starts where the analytic model is.
 
     Parameters

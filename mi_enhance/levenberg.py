@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 # Residuals below this share of the mean loss count quadratically; smaller values follow L1 closer but step less far.
-_SMOOTH = 0.3
+_SMOOTH = 0.1
 
 
 def minimize(
@@ -57,7 +57,8 @@ def minimize(
     Examples
     --------
     >>> equations = lambda u, e: (np.ones((1, 1, 1)), u - 3, (u[:, 0] - 3) ** 2 / 2)
-    >>> minimize(lambda u: (u[:, 0] - 3) ** 2 / 2, equations, np.zeros((1, 1)), np.zeros(1), np.full(1, 9.0))[0].round(3)
+    >>> loss = lambda u: (u[:, 0] - 3) ** 2 / 2
+    >>> minimize(loss, equations, np.zeros((1, 1)), np.zeros(1), np.full(1, 9.0))[0].round(3)
     array([[3.]])
     """
     u = np.clip(u, low, high)

@@ -174,7 +174,9 @@ class Material:
                     f"{where}: this is a measured RGL file, not a material of mi_enhance. Fit it first: "
                     f"mi-enhance fit {path} -o material.bsdf"
                 )
-            raise ValueError(f"{where}: not a material of mi_enhance: it has no params and description. Got: {list(fields)}.")
+            raise ValueError(
+                f"{where}: not a material of mi_enhance: it has no params and description. Got: {list(fields)}."
+            )
         arrays = {name: tensor_file.values(file, f) for name, f in fields.items()}
         for name, array in arrays.items():
             if name == "description":
@@ -193,7 +195,9 @@ class Material:
                 for name, expected in zip(names, (w, b), strict=True):
                     if name not in arrays or arrays[name].shape != expected.shape:
                         got = arrays[name].shape if name in arrays else "nothing"
-                        raise ValueError(f"{where}: {name} should have shape {expected.shape}; got {got}. Save it again.")
+                        raise ValueError(
+                            f"{where}: {name} should have shape {expected.shape}; got {got}. Save it again."
+                        )
                 layers.append(tuple(arrays[name].astype(np.float32) for name in names))
             networks[slot] = nn.MLP(tuple(layers), mlp.n_folded)
         brdf = dataclasses.replace(template, networks=networks)
@@ -239,7 +243,9 @@ def _read_description(text: bytes, where: str) -> dict:
     if kind != _KIND or not isinstance(version, int):
         raise ValueError(f'{where}: its description says kind "{kind}"; "{_KIND}" is needed.')
     if version > FORMAT:
-        raise ValueError(f"{where}: file format {version} is newer than this package reads ({FORMAT}). Upgrade mi_enhance.")
+        raise ValueError(
+            f"{where}: file format {version} is newer than this package reads ({FORMAT}). Upgrade mi_enhance."
+        )
     return description
 
 

@@ -1,8 +1,8 @@
-"""The small networks that stand in for terms and operators: sizes, initial weights, three evaluators behind one call.
+"""The small networks that stand in for terms and operators: sizes, first weights, three evaluators behind one call.
 
-The only file that touches ``drjit.nn``. Every evaluator has ``fold(features)``, which turns the inputs that are constant
-for a material into a bias of the first layer (exact), and ``__call__(x, bias)`` for the inputs that vary. Paper, section 3
-and Fig. 3: four fully connected layers, 16, 32, 16 hidden neurons, leaky ReLU, last layer linear.
+The only file that touches ``drjit.nn``. Every evaluator has ``fold(features)``, which turns the inputs that are
+constant for a material into a bias of the first layer (exact), and ``__call__(x, bias)`` for the inputs that vary.
+Paper, section 3 and Fig. 3: four fully connected layers, 16, 32, 16 hidden neurons, leaky ReLU, last layer linear.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator) -> MLP
 
 
 def _split(mlp: MLP) -> list[np.ndarray]:
-    """Weights in storage order; the folded and the varying part of the first matrix are apart, so each is contiguous."""
+    """Weights in storage order; the folded and the varying part of the first matrix are apart: each is contiguous."""
     (w, b), *rest = mlp.layers
     return [w[:, : mlp.n_folded], w[:, mlp.n_folded :], b, *(v for layer in rest for v in layer)]
 

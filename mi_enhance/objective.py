@@ -1,7 +1,7 @@
 """The paper's loss (eq. 1) of many materials at once: values, gradients, Gauss-Newton normal equations.
 
-A *problem* is one material with its own parameters and n samples. B problems are B * n lanes of one kernel, problem after
-problem; they share the networks. Fitting one material from several starts, many texels, or training are all this.
+A *problem* is one material with its own parameters and n samples. B problems are B * n lanes of one kernel, problem
+after problem; they share the networks. Fitting one material from several starts, many texels, or training are all this.
 """
 
 from __future__ import annotations
@@ -108,9 +108,7 @@ class Objective:
             smooth = dr.sqrt(dr.square(value) + dr.square(eps))
             total += smooth
             scale = dr.rsqrt(smooth)
-            columns = [
-                sum((row[n_p + j] * s[p] for j, s in enumerate(scalar)), row[p]) for p in range(n_p)
-            ]
+            columns = [sum((row[n_p + j] * s[p] for j, s in enumerate(scalar)), row[p]) for p in range(n_p)]
             for p, column in enumerate([*columns, value]):
                 dr.scatter(size, scale * column, base + (p * 3 + k) * block, mode=dr.ReduceMode.NoConflicts)
         a = mi.TensorXf(size, (lanes // block, n_p + 1, 3 * block))

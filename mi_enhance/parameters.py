@@ -37,8 +37,8 @@ class Parameter:
     log: bool = False
 
 
-# 12 analytic parameters of GGX, in the paper's order (section 7). Ranges: OpenSVBRDF statistics as published; roughness is
-# let down to 1e-4, where Mitsuba's own microfacet distribution ends; |n| tilt stays below 45 degrees (0.5**2 * 2 < 1).
+# 12 analytic parameters of GGX, in the paper's order (section 7). Ranges: OpenSVBRDF statistics as published; roughness
+# is let down to 1e-4, where Mitsuba's own microfacet distribution ends; n tilts by 45 degrees at most (0.5**2 * 2 < 1).
 N_X = Parameter("n_x", 1, -0.5, 0.5, 0.0)
 N_Y = Parameter("n_y", 1, -0.5, 0.5, 0.0)
 T_THETA = Parameter("t_theta", 1, -math.pi, math.pi, 0.0)

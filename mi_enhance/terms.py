@@ -124,7 +124,8 @@ def G_smith_ggx(wi, wo, alpha_x, alpha_y):
     r"""Separable Smith shadowing and masking of GGX, :math:`G = G_1(\omega_i) G_1(\omega_o)`.
 
     .. math::
-        G_1(\omega) = \frac{2 \cos\theta}{\cos\theta + \sqrt{\cos^2\theta + \alpha_x^2 \omega_x^2 + \alpha_y^2 \omega_y^2}}
+        G_1(\omega) = \frac{2 \cos\theta}
+            {\cos\theta + \sqrt{\cos^2\theta + \alpha_x^2 \omega_x^2 + \alpha_y^2 \omega_y^2}}
 
     Parameters
     ----------

@@ -131,10 +131,15 @@ class Trainer:
 
     def material(self) -> Material:
         """The network as it is shipped: weights, where fits start, and how it was made."""
-        report = {"config": self.config, "steps": self.step, "samples_seen": self.step * self.n_materials * self.config["batch"]}
+        seen = self.step * self.n_materials * self.config["batch"]
+        report = {"config": self.config, "steps": self.step, "samples_seen": seen}
         keep = _representative(self.samples.kinds)
-        return Material(self.result(), {}, {**report, "library": [self.samples.names[k] for k in keep]},
-                        library=self.parameters()[keep])
+        return Material(
+            self.result(),
+            {},
+            {**report, "library": [self.samples.names[k] for k in keep]},
+            library=self.parameters()[keep],
+        )
 
     def save(self, path: Path) -> None:
         """Write a checkpoint: weights, parameters, state of the optimiser, step."""
@@ -165,8 +170,8 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
     config : dict
         Entries of :data:`DEFAULTS` that differ from it.
     folder : Path
-        Keeps ``config.json``, ``checkpoint.npz``, ``network.bsdf`` (ready to fit with) and ``curve.jsonl``: per line the
-        step, the mean loss since the last line, also by kind of source and of the ``validation`` materials, seconds.
+        Keeps ``config.json``, ``checkpoint.npz``, ``network.bsdf`` (ready to fit with) and ``curve.jsonl``: per line
+        the step, the mean loss since the last line, also by kind of source and of ``validation`` materials, seconds.
     progress : bool
         Show a bar with the loss.
     callback : callable, optional
@@ -194,14 +199,21 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
     file.write_text(json.dumps(config, indent=2) + "\n")
     bar = _bar if progress else (lambda items, **_: items)
     read = lambda sources: build(  # noqa: E731
-        sources, n_samples=config["n_samples"], seed=config["seed"], cache=folder.parent / "cache",
+        sources,
+        n_samples=config["n_samples"],
+        seed=config["seed"],
+        cache=folder.parent / "cache",
         progress=lambda jobs: bar(jobs, desc="decode"),
-    )  # fmt: skip
+    )
     samples = read(config["data"])
     brdf = enhance(
-        config["model"], config["replace"], n_latent=config["n_latent"], hidden=config["hidden"],
-        inputs=config["inputs"], seed=config["seed"],
-    )  # fmt: skip
+        config["model"],
+        config["replace"],
+        n_latent=config["n_latent"],
+        hidden=config["hidden"],
+        inputs=config["inputs"],
+        seed=config["seed"],
+    )
     if checkpoint.exists():
         trainer = Trainer(brdf, samples, config, np.ones((len(samples.names), brdf.n_parameters)))
         trainer.resume(checkpoint)
@@ -234,7 +246,8 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
 def _no_collection():
     """Keep Python's garbage collector from freeing the frozen step of an earlier trainer while Dr.Jit records another.
 
-    It is part of a reference cycle inside Dr.Jit, so only the collector frees it; during a recording that aborts the process.
+    It is part of a reference cycle inside Dr.Jit, so only the collector frees it; during a recording that aborts
+    the process.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -247,7 +260,8 @@ def _no_collection():
 
 def _analytic(brdf: EnhancedBRDF, samples: TrainingSet) -> np.ndarray:
     """Where the materials start: the best fit of the analytic model, latent numbers at their initial value."""
-    analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *_first_samples(samples, _START_SAMPLES), _START_SAMPLES)
+    n = min(_START_SAMPLES, samples.n_samples)
+    analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *_first_samples(samples, n), n)
     start = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (len(analytic), 1))
     start[:, : analytic.shape[1]] = analytic
     return start
@@ -263,7 +277,7 @@ def _representative(kinds: list[str]) -> np.ndarray:
 
 def _validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> dict[str, float]:
     """Mean loss of materials the networks do not train on, each fitted from its analytic fit."""
-    n = _START_SAMPLES
+    n = min(_START_SAMPLES, samples.n_samples)
     problem = Objective(brdf, *_first_samples(samples, n), n)
     _, losses = levenberg.minimize(
         problem.loss, problem.normal_equations, problem.space.to(start), problem.space.low, problem.space.high, steps=20
@@ -274,7 +288,9 @@ def _validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> di
 def _first_samples(samples: TrainingSet, n: int) -> tuple:
     """wi, wo and f of the first n samples of every material, as Dr.Jit arrays."""
     rows = samples.samples.reshape(9, -1, samples.n_samples)[:, :, :n].reshape(9, -1)
-    return tuple(t(np.ascontiguousarray(rows[k : k + 3])) for k, t in ((0, mi.Vector3f), (3, mi.Vector3f), (6, mi.Color3f)))
+    return tuple(
+        t(np.ascontiguousarray(rows[k : k + 3])) for k, t in ((0, mi.Vector3f), (3, mi.Vector3f), (6, mi.Color3f))
+    )
 
 
 def _by_kind(kinds: list[str], losses: np.ndarray) -> dict[str, float]:

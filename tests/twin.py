@@ -113,7 +113,7 @@ def brdf(wi, wo, params, networks=None, inputs="symmetric"):
         if name not in networks:
             return analytic
         x = np.concatenate([constant, varying], -1) if directional else constant
-        return np.exp(np.clip(mlp(networks[name], x), -30, 30))
+        return np.exp(np.clip(mlp(networks[name], x), -20, 20))
 
     def operator(name, a, b):
         if name not in networks:
@@ -121,7 +121,7 @@ def brdf(wi, wo, params, networks=None, inputs="symmetric"):
         a, b = np.broadcast_arrays(a, b)
         x = np.log(np.maximum(np.stack([a, b], -1), 1e-6))
         y = mlp(networks[name], x.reshape(-1, 2)).reshape(a.shape)
-        return np.exp(np.clip(y, -30, 30))
+        return np.exp(np.clip(y, -20, 20))
 
     e = term("1/E", inv_E(i[:, 2], o[:, 2])[:, None])
     g = term("G", G_smith_ggx(i, o, a_x, a_y)[:, None])

@@ -102,10 +102,15 @@ def two_lobes(seed, n_samples=100_000):
         ratio = 1.0 if isotropic else np.exp(rng.uniform(0, np.log(4)))
         metal = rng.random() < 0.5
         f += ggx(
-            wi, wo, **frame, rho_d=base if k == 0 else np.zeros(3), rho_s=np.full(3, np.exp(rng.uniform(*np.log((0.05, 1))))),
-            alpha_x=min(alpha * np.sqrt(ratio), 1.0), alpha_y=alpha / np.sqrt(ratio),
+            wi,
+            wo,
+            **frame,
+            rho_d=base if k == 0 else np.zeros(3),
+            rho_s=np.full(3, np.exp(rng.uniform(*np.log((0.05, 1))))),
+            alpha_x=min(alpha * np.sqrt(ratio), 1.0),
+            alpha_y=alpha / np.sqrt(ratio),
             F0=rng.uniform(0.1, 1, 3) if metal else np.full(3, rng.uniform(0.02, 0.1)),
-        )  # fmt: skip
+        )
         alpha = min(alpha * np.exp(rng.uniform(np.log(2), np.log(10))), 0.8)
     return Measurements(wi, wo, f, f"two_lobes_{seed}", "synthetic")
 

@@ -1,0 +1,74 @@
+"""What README and notebooks show runs, and what they link exists."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+# The notebook at a size that shows the code runs, not what a material looks like.
+SMALL = "resolution, spp, n_samples = 32, 4, 2000"
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+
+
+def test_readme_python_runs(llvm, tmp_path, monkeypatch):
+    """All Python of the README, in order, where its data file lies under the name it uses."""
+    code = blocks("python")
+    assert code, "README.md holds no Python block"
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "data/rgl/ilm_solo_m_68_rgb.bsdf", tmp_path)
+    names: dict = {}
+    for block in code:
+        exec(compile(block, "README.md", "exec"), names)
+    assert (tmp_path / "solo.bsdf").exists() and (tmp_path / "solo.png").exists()
+
+
+def test_readme_xml_loads(llvm, tmp_path, monkeypatch):
+    import mitsuba as mi
+
+    import mi_enhance as me
+
+    (xml,) = blocks("xml")
+    monkeypatch.chdir(tmp_path)
+    me.Material.network("ggx").save("gold.bsdf")
+    bsdf = mi.load_string(xml.replace("<bsdf", '<bsdf version="3.0.0"', 1))
+    assert "Enhanced" in str(bsdf)
+
+
+def test_readme_commands_are_those_of_the_program(llvm):
+    from mi_enhance.cli import parser
+
+    commands = re.findall(r"^mi-enhance (.*)$", "\n".join(blocks("sh")), re.MULTILINE)
+    assert len(commands) >= 5
+    for line in commands:
+        parser().parse_args(line.split("#")[0].split())  # exits with an error for what it does not know
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_and_pictures_exist(page):
+    targets = re.findall(r"\]\(([^)#:]+)\)|src=\"([^\":]+)\"", page.read_text())
+    missing = [t for pair in targets for t in pair if t and not (page.parent / t).exists()]
+    assert not missing, f"{page.name} names files that do not exist: {missing}"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda p: p.stem)
+def test_notebook_runs_and_is_tidy(path, llvm):
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(path, as_version=4)
+    assert "You will learn" in notebook.cells[0].source
+    small = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", ())]
+    assert len(small) == 1, "one cell is tagged parameters, so that it can run small here"
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            assert not cell.outputs, f"{path.name}: clear the outputs before committing"
+    small[0].source = SMALL
+    NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(path.parent)}}).execute()
