@@ -14,6 +14,7 @@ VALUES = {
     "n_x": 0.1, "n_y": -0.05, "t_theta": 0.4, "rho_d": (0.3, 0.2, 0.1), "rho_s": (0.5, 0.8, 1.2),
     "alpha_x": 0.3, "alpha_y": 0.5, "F0": 0.2, "latent": np.linspace(0, 1, 27),
 }  # fmt: skip
+ROUNDING = 2e-5  # relative: float32, and sums in another order where a texture is in the way
 SUMMATION = 1e-5  # relative: threads add the samples of a pixel in any order
 
 
@@ -87,3 +88,8 @@ def directions(n, seed=0, below=False) -> np.ndarray:
 def evaluate(bsdf, wi, wo, uv=(0.5, 0.5)) -> np.ndarray:
     """``eval`` as an array (N, channels)."""
     return np.array(bsdf.eval(mi.BSDFContext(), hit(wi, uv), vectors(wo))).T
+
+
+def close(a, b, rel=ROUNDING):
+    """Assert equality up to a fraction of the value or of the largest one."""
+    np.testing.assert_allclose(a, b, rtol=rel, atol=rel * np.abs(b).max())
