@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from plugin_scenes import VALUES, bitmap, material, scene
 
+from mi_enhance.material import Material
+
 PRB = {"type": "prb", "max_depth": 2, "hide_emitters": True}
 # Differences of two renders see the sampling change too, which `prb` rightly leaves out: noise of 500,000 paths.
 MANY, FEW = 2048, 64  # samples per pixel
@@ -153,8 +155,9 @@ def test_gradients_of_textures_are_those_of_the_render(llvm):
 
 @pytest.mark.slow
 def test_optimiser_recovers_roughness_and_albedo_from_an_image(llvm):
-    sought, first = {"alpha_x": 0.3, "rho_d": (0.3, 0.2, 0.1)}, {"alpha_x": 0.6, "rho_d": (0.8, 0.8, 0.8)}
-    shapes = {"m": start(**sought).to_dict(), "ball": {"type": "sphere", "bsdf": {"type": "ref", "id": "m"}}}
+    sought, first = {"alpha_x": 0.3, "rho_d": (0.3, 0.2, 0.1)}, {"alpha_x": 0.45, "rho_d": (0.5, 0.5, 0.5)}
+    shipped = Material.network("ggx").edit(rho_s=2.0, F0=0.5, alpha_y=0.3, **sought)
+    shapes = {"m": shipped.to_dict(), "ball": {"type": "sphere", "bsdf": {"type": "ref", "id": "m"}}}
     lamp = {"type": "point", "position": [2.0, -3.0, 4.0], "intensity": 30.0}  # a highlight shows the roughness
     s = scene(shapes, integrator=PRB, emitter=lamp)
     p = mi.traverse(s)
