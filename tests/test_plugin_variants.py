@@ -9,6 +9,8 @@ import pytest
 from plugin_scenes import SUMMATION, VALUES, ball, bitmap, material, scene
 
 import mi_enhance
+from mi_enhance.enhance import enhance
+from mi_enhance.material import Material
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 # Relative, of a mean over the ball: colours are products of spectra in one variant and of RGB in the other, and
@@ -63,6 +65,13 @@ def test_variants_may_be_switched_back_and_forth(llvm):
     mi.load_dict(material().to_dict())
     mi.set_variant("llvm_ad_rgb")
     np.testing.assert_allclose(picture(material().to_dict()), first, rtol=SUMMATION)
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
+def test_networks_that_give_rgb_are_refused_elsewhere(llvm, variant):
+    mi.set_variant(variant)
+    with pytest.raises(RuntimeError, match=rf'networks for M, S give RGB, which variant "{variant}" does not render'):
+        Material(enhance("ggx", ["M", "S", "F"]), {}).bsdf()
 
 
 def test_scalar_variant_is_refused_with_what_to_do(llvm):
@@ -157,9 +166,6 @@ def test_materials_of_one_network_share_their_compiled_functions(llvm):
 
 def test_material_of_another_network_is_a_function_of_its_own(llvm):
     """Else the test above would show nothing."""
-    from mi_enhance.enhance import enhance
-    from mi_enhance.material import Material
-
     other = Material(enhance("ggx", seed=2), VALUES).to_dict()
     shapes = {f"s{k}": {"type": "sphere", "bsdf": b} for k, b in enumerate((material().to_dict(), other))}
     one = largest_kernel(ball(material().to_dict()))[0]  # a scene that lives on would be compiled into the next kernel
