@@ -72,8 +72,8 @@ class Enhanced(mi.BSDF):
         coloured = [slot for slot, mlp in self.m_brdf.networks.items() if mlp.sizes[-1] == 3]
         if coloured and not mi.is_rgb:
             raise ValueError(
-                f'bsdf "enhanced": the networks for {", ".join(coloured)} give RGB, which variant "{mi.variant()}" does '
-                "not render. Use an rgb variant, or a network that leaves these terms analytic."
+                f'bsdf "enhanced": the networks for {", ".join(coloured)} give RGB, which variant "{mi.variant()}" '
+                "does not render. Use an rgb variant, or a network that leaves these terms analytic."
             )
         self.m_evaluators = self.m_brdf.evaluators(
             nn.Cooperative if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else nn.Baked
