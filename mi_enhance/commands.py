@@ -29,9 +29,18 @@ def demo(args: argparse.Namespace) -> dict:
 def fit(args: argparse.Namespace) -> dict:
     output = _output(args.output, (".bsdf",))
     _set_variant(args.variant)
+    from tqdm import tqdm
+
     from .fit import fit
 
-    material = fit(_network(args.network), _measurements(args), method=args.method, seed=args.seed)
+    measurements = _measurements(args)
+    with tqdm(desc=f"fit {measurements.name}", unit=" steps", disable=args.json, leave=False) as bar:
+
+        def progress(stage, step, loss):
+            bar.update()
+            bar.set_postfix_str(f"{stage}, log-L1 {loss:.5f}")
+
+        material = fit(_network(args.network), measurements, method=args.method, seed=args.seed, callback=progress)
     material.save(output)
     print(f"{material.show()}\n{output}")
     return {**material.report, "output": str(output)}

@@ -41,10 +41,12 @@ DEFAULTS = {
     "steps": 10000,
     "imitation_steps": 1000,
     "lr": 2e-3,  # of the weights; both rates fall to 1 % along a cosine
-    "lr_parameters": 1e-2,
+    "lr_parameters": 3e-3,
+    "refits": 3,  # times, evenly spread, that every material is fitted anew
     "seed": 0,
 }
 _CHECKPOINT_EVERY = 500  # steps
+_REFIT_AT_ONCE = 128  # materials: bounds the memory of their Jacobians
 _START_SAMPLES = 1024  # per material, for the analytic fit that training starts from
 _WARM_UP = 200  # steps in which the rates rise: Adam's first steps, before its moments mean anything, can kill a lobe
 
@@ -76,7 +78,8 @@ class Trainer:
         self.optimizer = Adam(lr=config["lr"])
         self.optimizer["weights"] = self.trainable.weights
         # all parameters of all materials, parameter after parameter, in the space that is optimised (log alpha)
-        self.optimizer["parameters"] = mi.Float(space.to(start).T.ravel().astype(np.float32))
+        self._start = space.to(start)
+        self.optimizer["parameters"] = mi.Float(self._start.T.ravel().astype(np.float32))
 
     def _indices(self) -> mi.UInt32:
         """A run of consecutive samples of every material, from a random place; they are in random order anyway."""
@@ -120,6 +123,24 @@ class Trainer:
         self.step += 1
         return loss
 
+    def refit(self) -> None:
+        """Fit every material anew, from where it is and from where it started; the better one stays.
+
+        Noisy small steps drive a few materials, mostly near-mirrors, into minima they do not leave: a tilted normal, a
+        roughness at its bound.
+        """
+        brdf, space, n = self.result(), self._space, min(_START_SAMPLES, self.samples.n_samples)
+        u = space.to(self.parameters())
+        for first in range(0, self.n_materials, _REFIT_AT_ONCE):
+            part = slice(first, first + _REFIT_AT_ONCE)
+            problem = Objective(brdf, *_first_samples(self.samples, n, part), n)
+            tries = [
+                levenberg.minimize(problem.loss, problem.normal_equations, v[part], space.low, space.high, steps=10)
+                for v in (u, self._start)
+            ]
+            u[part] = np.where((tries[0][1] <= tries[1][1])[:, None], tries[0][0], tries[1][0])
+        self.optimizer["parameters"] = mi.Float(u.T.ravel().astype(np.float32))
+
     def result(self) -> EnhancedBRDF:
         """The BRDF with the current weights."""
         return dataclasses.replace(self.brdf, networks=self.trainable.networks())
@@ -143,7 +164,7 @@ class Trainer:
 
     def save(self, path: Path) -> None:
         """Write a checkpoint: weights, parameters, state of the optimiser, step."""
-        arrays = {"step": self.step}
+        arrays = {"step": self.step, "start": self._start}
         for key in ("weights", "parameters"):
             _, _, _, (t, m, v, _) = self.optimizer.state[key]
             arrays |= {key: dr.detach(self.optimizer[key]), f"{key}_t": t, f"{key}_m": m, f"{key}_v": v}
@@ -153,7 +174,7 @@ class Trainer:
     def resume(self, path: Path) -> None:
         """Go on from a checkpoint, to the bit."""
         with np.load(path, allow_pickle=False) as stored:
-            self.step = int(stored["step"])
+            self.step, self._start = int(stored["step"]), stored["start"]
             for key in ("weights", "parameters"):
                 self.optimizer[key] = mi.Float(stored[key])
                 value, promoted, rate, _ = self.optimizer.state[key]
@@ -222,9 +243,12 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
         trainer = Trainer(brdf, samples, config, _analytic(brdf, samples))
     unseen = read(config["validation"]) if config["validation"] else None
     unseen_start = _analytic(brdf, unseen) if unseen else None
+    refits = {config["steps"] * k // (config["refits"] + 1) for k in range(1, config["refits"] + 1)}
     start, first, losses = time.perf_counter(), trainer.step, []
     for _ in (steps := bar(range(trainer.step, config["steps"]), desc="train")):
         losses.append(trainer.advance())
+        if trainer.step in refits:
+            trainer.refit()
         if trainer.step % _CHECKPOINT_EVERY == 0 or trainer.step == config["steps"]:
             mean, seconds = float(np.mean(losses)), time.perf_counter() - start
             record = {"step": trainer.step, "loss": mean, **_by_kind(samples.kinds, np.mean(losses, 0))}
@@ -285,9 +309,9 @@ def _validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> di
     return {f"validation {kind}": loss for kind, loss in _by_kind(samples.kinds, losses).items()}
 
 
-def _first_samples(samples: TrainingSet, n: int) -> tuple:
-    """wi, wo and f of the first n samples of every material, as Dr.Jit arrays."""
-    rows = samples.samples.reshape(9, -1, samples.n_samples)[:, :, :n].reshape(9, -1)
+def _first_samples(samples: TrainingSet, n: int, materials=slice(None)) -> tuple:
+    """wi, wo and f of the first n samples of the materials, as Dr.Jit arrays."""
+    rows = samples.samples.reshape(9, -1, samples.n_samples)[:, materials, :n].reshape(9, -1)
     return tuple(
         t(np.ascontiguousarray(rows[k : k + 3])) for k, t in ((0, mi.Vector3f), (3, mi.Vector3f), (6, mi.Color3f))
     )
