@@ -9,7 +9,7 @@ from ._files import demo_data
 from .compare import compare_file
 from .table import COLUMNS, print_table, write_table
 
-_MATERIAL = "cc_ibiza_sunset_rgb.bsdf"  # colour-shifting vinyl: plain GGX is visibly wrong
+_MATERIAL = "ilm_solo_m_68_rgb.bsdf"  # blue metallic paint: plain GGX misses the wide base of its highlight
 
 
 def demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
