@@ -97,7 +97,7 @@ class Objective:
         scalar = [_gradient(v, p_leaves, mi.Float(1)) for v in cuts.values()]
         eps = dr.repeat(mi.Float(epsilon.astype(np.float32)), self.n)
         n_p, lanes = u.shape[1], len(r[0])
-        size = dr.empty(mi.Float, 3 * (n_p + 1) * lanes)
+        buffer = dr.empty(mi.Float, 3 * (n_p + 1) * lanes)
         index = dr.arange(mi.UInt32, lanes)
         block = _block(self.n)
         # (block of lanes, row, lane in the block): the products below then need no further rearrangement
@@ -110,8 +110,8 @@ class Objective:
             scale = dr.rsqrt(smooth)
             columns = [sum((row[n_p + j] * s[p] for j, s in enumerate(scalar)), row[p]) for p in range(n_p)]
             for p, column in enumerate([*columns, value]):
-                dr.scatter(size, scale * column, base + (p * 3 + k) * block, mode=dr.ReduceMode.NoConflicts)
-        a = mi.TensorXf(size, (lanes // block, n_p + 1, 3 * block))
+                dr.scatter(buffer, scale * column, base + (p * 3 + k) * block, mode=dr.ReduceMode.NoConflicts)
+        a = mi.TensorXf(buffer, (lanes // block, n_p + 1, 3 * block))
         products = np.array(dr.matmul(a, a, Bt=True), np.float64).reshape(self.n_problems, -1, n_p + 1, n_p + 1).sum(1)
         products /= 3 * self.n
         loss = np.array(dr.block_sum(total, self.n), np.float64) / (3 * self.n)
