@@ -13,7 +13,7 @@ from . import geometry, models, nn, parameters
 from .graph import Node
 from .models import Model
 
-INPUTS = ("symmetric", "directions")
+INPUTS = ("shape", "symmetric", "directions")
 
 # The quantities that depend on the directions; a term that asks for none of them gets a network without directions.
 _DIRECTIONAL = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
@@ -37,9 +37,11 @@ class EnhancedBRDF:
         Networks by slot; an empty one is the analytic model itself.
     n_latent : int
         Number of neural parameters per material.
-    inputs : {"symmetric", "directions"}
-        What the networks see of the directions: features of half vector and difference angle in the material's frame
-        (default), or the raw directions of the paper.
+    inputs : {"symmetric", "shape", "directions"}
+        What the networks see. ``"symmetric"``: features of half vector and difference angle in the material's frame, and
+        all analytic parameters. ``"shape"``: the same directions, finer, but of the parameters only those that shape
+        lobes, never a colour or the frame, so an edit of a colour changes nothing else. ``"directions"``: the raw
+        directions and parameters of the paper.
     """
 
     model: Model
@@ -91,7 +93,11 @@ class EnhancedBRDF:
         dict of str to list of mi.Float
         """
         # Operators see their operands only: with no other network the material has no latent numbers to read.
-        features = _parameter_features(params, self.inputs) if any(m.n_folded for m in self.networks.values()) else []
+        features = (
+            _parameter_features(params, self.inputs, self.model)
+            if any(m.n_folded for m in self.networks.values())
+            else []
+        )
         return {slot: evaluators[slot].fold(features if mlp.n_folded else []) for slot, mlp in self.networks.items()}
 
     def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
@@ -136,7 +142,7 @@ class EnhancedBRDF:
         if self.networks:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
-            x = _directional_features(record) if self.inputs == "symmetric" else [*wi, *wo]
+            x = _directional_features(record, self.inputs, wi, wo)
             stand_ins = {slot: self._function(slot, x, evaluators[slot], folded[slot]) for slot in self.networks}
             graph = graph.replace(stand_ins)
         return graph, record, active
@@ -151,7 +157,7 @@ class EnhancedBRDF:
         local_i, local_o = (dr.select(v.z > 0.01, v, up) for v in (frame.to_local(wi), frame.to_local(wo)))
         record = {**geometry.quantities(local_i, local_o), **params}
         folded = self.fold(params, evaluators)
-        x = _directional_features(record) if self.inputs == "symmetric" else [*wi, *wo]
+        x = _directional_features(record, self.inputs, wi, wo)
         # 1e-3: a Fresnel term or an albedo below it is dark; its logarithm need not be met
         log = lambda v: dr.log(v + 1e-3)  # noqa: E731
         error = 0
@@ -193,14 +199,27 @@ def _operator(evaluator, bias, a, b):
     return (type(a) if dr.depth_v(a) > 1 else type(b))(*(one(channel(a, k), channel(b, k)) for k in range(n)))
 
 
-def _parameter_features(p: Mapping, inputs: str) -> list:
-    """The inputs that are constant over a material: 12 numbers from the analytic parameters, then the latent ones.
+def _lobes(names: Iterable[str]) -> list[str]:
+    """Suffixes of the lobes whose roughness is among `names`: "" for alpha_x, "2" for alpha_x2."""
+    return [suffix for suffix in ("", "2") if f"alpha_x{suffix}" in names]
+
+
+def _shape(model: Model) -> list[parameters.Parameter]:
+    """The parameters that shape the lobes: neither colours nor the frame."""
+    return [p for p in model.parameters if p.size == 1 and p.name not in ("n_x", "n_y", "t_theta")]
+
+
+def _parameter_features(p: Mapping, inputs: str, model: Model) -> list:
+    """The inputs that are constant over a material: from the analytic parameters, then the latent ones.
 
     The paper's networks read the analytic parameters as they are. In the symmetric form the directions are given in the
     material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
     """
     rho_d, rho_s = p["rho_d"], p["rho_s"]
-    if inputs == "directions":
+    if inputs == "shape":
+        # 1e-4: sqrt has a finite slope at F0 = 0
+        analytic = [dr.log(p[q.name]) / 4 if q.log else dr.sqrt(p[q.name] + 1e-4) for q in _shape(model)]
+    elif inputs == "directions":
         analytic = [p["n_x"], p["n_y"], p["t_theta"], *rho_d, *rho_s, p["alpha_x"], p["alpha_y"], p["F0"]]
     else:
         log_x, log_y = dr.log(p["alpha_x"]) / 4, dr.log(p["alpha_y"]) / 4
@@ -210,23 +229,37 @@ def _parameter_features(p: Mapping, inputs: str) -> list:
     return [*analytic, *p.get("latent", ())]
 
 
-def _directional_features(q: Mapping) -> list:
-    """Six features of a pair of directions in the material's frame, symmetric in wi and wo: reciprocity for free.
+def _n_parameter_features(model: Model, inputs: str) -> int:
+    return len(_shape(model)) if inputs == "shape" else parameters.count(model.parameters)
+
+
+def _n_directional_features(model: Model, inputs: str) -> int:
+    return 5 + 2 * len(_lobes([p.name for p in model.parameters])) if inputs == "shape" else 6
+
+
+def _directional_features(q: Mapping, inputs: str, wi, wo) -> list:
+    """Features of a pair of directions in the material's frame, symmetric in wi and wo: reciprocity for free.
 
     For alpha_x = alpha_y none of them depends on the azimuth of h: such a material is exactly isotropic.
     """
-    h, a_x, a_y = q["h"], q["alpha_x"], q["alpha_y"]
-    u, v = dr.square(h.x / a_x), dr.square(h.y / a_y)
+    if inputs == "directions":
+        return [*wi, *wo]
+    h = q["h"]
     product = q["cos_theta_i"] * q["cos_theta_o"]
-    return [
-        dr.square(h.x) + dr.square(h.y),  # sin^2 theta_h
-        dr.log(1 + u + v) / 5,  # theta_h relative to the width of the lobe; /5: alpha = 1e-3 gives 2.8
-        (u - v) / (1 + u + v) * (a_y - a_x) / (a_x + a_y),  # azimuth of h, vanishing with the anisotropy
-        q["cos_theta_d"],
-        product,
-        # 1e-4: log has a finite slope at the horizon
-        dr.log(product + 1e-4) / 5,
-    ]
+    features = [dr.square(h.x) + dr.square(h.y)]  # sin^2 theta_h
+    for lobe in _lobes(q) if inputs == "shape" else ("",):
+        a_x, a_y = q[f"alpha_x{lobe}"], q[f"alpha_y{lobe}"]
+        u, v = dr.square(h.x / a_x), dr.square(h.y / a_y)
+        features += [
+            dr.log(1 + u + v) / 5,  # theta_h relative to the width of the lobe; /5: alpha = 1e-3 gives 2.8
+            (u - v) / (1 + u + v) * (a_y - a_x) / (a_x + a_y),  # azimuth of h, vanishing with the anisotropy
+        ]
+    # 1e-4: log has a finite slope at the horizon
+    features += [q["cos_theta_d"], product, dr.log(product + 1e-4) / 5]
+    if inputs == "shape":
+        # sin theta_d: retro-reflection is a cusp at theta_d = 0, where the cosine is flat; 1e-4: a finite slope there
+        features.append(dr.sqrt(1 - dr.square(q["cos_theta_d"]) + 1e-4))
+    return features
 
 
 def enhance(
@@ -236,6 +269,7 @@ def enhance(
     n_latent: int = 27,
     hidden: Sequence[int] = nn.HIDDEN,
     inputs: str = "symmetric",
+    modulated: bool = False,
     seed: int = 0,
 ) -> EnhancedBRDF:
     """Replace slots of an analytic model by networks with Xavier weights.
@@ -250,8 +284,10 @@ def enhance(
         Neural parameters per material.
     hidden : sequence of int
         Hidden layer sizes.
-    inputs : {"symmetric", "directions"}
+    inputs : {"symmetric", "shape", "directions"}
         See :class:`EnhancedBRDF`.
+    modulated : bool
+        Let the last layer of the networks of terms belong to the material, see :class:`mi_enhance.nn.MLP`.
     seed : int
         Of the initial weights.
 
@@ -279,19 +315,19 @@ def enhance(
     for name in sorted(replace):
         model.graph.find(name)
     rng = np.random.default_rng(seed)
-    n_params = parameters.count(model.parameters) + n_latent
+    n_params, n_directional = _n_parameter_features(model, inputs) + n_latent, _n_directional_features(model, inputs)
     networks = {}
     for node in model.graph.walk():
         if node.name in replace:
-            folded, varying, out = _sizes(node, n_params)
-            networks[node.name] = nn.xavier((folded + varying, *hidden, out), folded, rng)
+            folded, varying, out = _sizes(node, n_params, n_directional)
+            networks[node.name] = nn.xavier((folded + varying, *hidden, out), folded, rng, modulated and folded > 0)
     return EnhancedBRDF(model, networks, n_latent, inputs)
 
 
-def _sizes(node: Node, n_params: int) -> tuple[int, int, int]:
+def _sizes(node: Node, n_params: int, n_directional: int) -> tuple[int, int, int]:
     """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
     if node.args:
         return 0, 2, 1
     directional = bool(_DIRECTIONAL & set(node.inputs))
     # A term without directions stands for a colour (M, S); with directions for a scalar (D, F, G, 1/E).
-    return n_params, 6 if directional else 0, 1 if directional else 3
+    return n_params, n_directional if directional else 0, 1 if directional else 3

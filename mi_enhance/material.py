@@ -199,7 +199,7 @@ class Material:
                             f"{where}: {name} should have shape {expected.shape}; got {got}. Save it again."
                         )
                 layers.append(tuple(arrays[name].astype(np.float32) for name in names))
-            networks[slot] = nn.MLP(tuple(layers), mlp.n_folded)
+            networks[slot] = dataclasses.replace(mlp, layers=tuple(layers))
         brdf = dataclasses.replace(template, networks=networks)
         library = arrays.get("library")
         return _assemble(brdf, arrays["params"], description, where, library)
@@ -227,6 +227,7 @@ class Material:
             "hidden": list(next(iter(brdf.networks.values())).sizes[1:-1]) if brdf.networks else [],
             "n_latent": brdf.n_latent,
             "inputs": brdf.inputs,
+            "modulated": any(mlp.modulated for mlp in brdf.networks.values()),
             "parameters": [[p.name, p.size] for p in brdf.parameters],
             "lobe_albedo": self.lobe_albedo,
             "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
@@ -265,6 +266,7 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
             n_latent=description["n_latent"],
             hidden=hidden or nn.HIDDEN,
             inputs=description["inputs"],
+            modulated=bool(description.get("modulated", False)),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: its description cannot be understood: {error}.") from error

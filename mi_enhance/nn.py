@@ -30,15 +30,22 @@ class MLP:
         Float32 arrays, W of shape (out, in), b of shape (out,).
     n_folded : int
         The first `n_folded` inputs are constant over a material and can be folded into a bias.
+    modulated : bool
+        The last layer belongs to the material: its weights and biases are an affine function of the folded inputs, whose
+        matrix (out * (hidden + 1), n_folded) and offset stand in its place. Folded, it costs no more than a fixed one.
     """
 
     layers: tuple[tuple[np.ndarray, np.ndarray], ...]
     n_folded: int = 0
+    modulated: bool = False
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Input size, hidden sizes, output size."""
-        return (self.layers[0][0].shape[1], *(len(b) for _, b in self.layers))
+        sizes = [self.layers[0][0].shape[1], *(len(b) for _, b in self.layers)]
+        if self.modulated:
+            sizes[-1] //= sizes[-2] + 1
+        return tuple(sizes)
 
     @property
     def n_weights(self) -> int:
@@ -52,8 +59,10 @@ class MLP:
         return sum(w.size + b.size for w, b in self.layers)
 
 
-def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator) -> MLP:
+def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator, modulated: bool = False) -> MLP:
     """Xavier (Glorot) uniform weights, zero biases: the paper's initialisation (section 4.3).
+
+    A modulated last layer is the one Xavier draws plus, for folded inputs of size 1, as much again.
 
     ``drjit.nn.Linear`` draws from another range, so the weights are drawn here.
 
@@ -65,7 +74,12 @@ def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator) -> MLP
     for n_in, n_out in zip(sizes, sizes[1:], strict=False):
         limit = np.sqrt(6 / (n_in + n_out))
         layers.append((rng.uniform(-limit, limit, (n_out, n_in)).astype(np.float32), np.zeros(n_out, np.float32)))
-    return MLP(tuple(layers), n_folded)
+    if modulated:
+        w, b = layers.pop()
+        spread = np.abs(w).max() / np.sqrt(n_folded)
+        offset = np.append(w, b[:, None], axis=1).ravel()
+        layers.append((rng.uniform(-spread, spread, (offset.size, n_folded)).astype(np.float32), offset))
+    return MLP(tuple(layers), n_folded, modulated)
 
 
 def _split(mlp: MLP) -> list[np.ndarray]:
@@ -89,7 +103,8 @@ def unflatten(networks: dict[str, MLP], flat: np.ndarray) -> dict[str, MLP]:
             offset += v.size
         folded, varying, bias, *rest = parts
         first = np.concatenate([folded, varying], axis=1), bias
-        result[slot] = MLP((first, *zip(rest[::2], rest[1::2], strict=True)), mlp.n_folded)
+        layers = (first, *zip(rest[::2], rest[1::2], strict=True))
+        result[slot] = dataclasses.replace(mlp, layers=layers)
     return result
 
 
@@ -101,6 +116,19 @@ def _affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
         for weight, v in zip(row, x, strict=True):
             z = dr.fma(v, weight, z)
         out.append(z)
+    return out
+
+
+def _head(z: Sequence, weights: Sequence) -> list:
+    """A last layer whose weights are data, on what comes before its activation."""
+    a = [dr.select(v > 0, v, SLOPE * v) for v in z]
+    step = len(a) + 1
+    out = []
+    for k in range(0, len(weights), step):
+        y = weights[k + len(a)]
+        for v, w in zip(a, weights[k : k + len(a)], strict=True):
+            y = dr.fma(v, w, y)
+        out.append(y)
     return out
 
 
@@ -149,20 +177,22 @@ class Baked:
 
     def __init__(self, mlp: MLP):
         (w, b), *rest = mlp.layers
-        self._fold = w[:, : mlp.n_folded], b
+        self._first = len(b)
+        self._fold = [(w[:, : mlp.n_folded], b), *([rest.pop()] if mlp.modulated else [])]
         self._layers = [(w[:, mlp.n_folded :], b), *rest]
 
     def fold(self, features: Sequence) -> list[mi.Float]:
-        """First-layer bias from the inputs that are constant over a material."""
-        w, b = self._fold
-        return _affine(w, features, b.tolist())
+        """What the inputs that are constant over a material become: first-layer bias, weights of a modulated last layer."""
+        return [v for w, b in self._fold for v in _affine(w, features, b.tolist())]
 
-    def __call__(self, x: Sequence[mi.Float], bias: Sequence[mi.Float]) -> list[mi.Float]:
-        """Output of the network for varying inputs `x` and the first-layer `bias`."""
-        x, bias = list(x), list(bias)
+    def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
+        """Output of the network for varying inputs `x` and what :meth:`fold` returned."""
+        x, bias, head = list(x), list(folded[: self._first]), folded[self._first :]
         if dr.grad_enabled(x, bias):
-            return list(dr.custom(_BakedOp, self._layers, x, bias))
-        return _BakedOp().eval(self._layers, x, bias)
+            z = list(dr.custom(_BakedOp, self._layers, x, bias))
+        else:
+            z = _BakedOp().eval(self._layers, x, bias)
+        return _head(z, head) if head else z
 
 
 class Cooperative:
@@ -171,7 +201,8 @@ class Cooperative:
     def __init__(self, mlp: MLP):
         dtype = dr.float16_array_t(mi.TensorXf) if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else mi.TensorXf
         (w, b), *rest = mlp.layers
-        self._baked = Baked(mlp)
+        self._baked, self._first = Baked(mlp), len(b)
+        rest = rest[:-1] if mlp.modulated else rest
         # A network without directions (M, S) has no first matrix here: its first layer is the bias alone.
         flat = [dtype(np.ascontiguousarray(w[:, mlp.n_folded :]))] if mlp.n_folded < w.shape[1] else []
         for layer in rest:
@@ -180,18 +211,20 @@ class Cooperative:
         self._scalar = dr.float16_array_t(mi.Float) if dtype is not mi.TensorXf else mi.Float
 
     def fold(self, features: Sequence) -> list[mi.Float]:
-        """First-layer bias from the inputs that are constant over a material."""
+        """As :meth:`Baked.fold`."""
         return self._baked.fold(features)
 
-    def __call__(self, x: Sequence[mi.Float], bias: Sequence[mi.Float]) -> list[mi.Float]:
-        """Output of the network for varying inputs `x` and the first-layer `bias`."""
+    def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
+        """As :meth:`Baked.__call__`."""
+        bias, head = folded[: self._first], folded[self._first :]
         packed = self._packed if isinstance(self._packed, tuple) else (self._packed,)
         z = dnn.CoopVec(*map(self._scalar, bias))
         if x:
             z, packed = dnn.matvec(packed[0], dnn.CoopVec(*map(self._scalar, x))) + z, packed[1:]
         for w, b in zip(packed[::2], packed[1::2], strict=True):
             z = dnn.matvec(w, dr.fma(dr.minimum(z, 0), SLOPE, dr.maximum(z, 0)), b)
-        return [mi.Float(v) for v in z]
+        z = [mi.Float(v) for v in z]
+        return _head(z, head) if head else z
 
 
 class Trainable:
@@ -279,7 +312,8 @@ class _TrainableSlot:
     """Evaluator of one network over a part of the flat weight vector."""
 
     def __init__(self, owner: Trainable, mlp: MLP, offset: int):
-        self._owner = owner
+        self._owner, self._modulated = owner, mlp.modulated
+        self._first = len(mlp.layers[0][1])
         self._places = []
         for v in _split(mlp):
             self._places.append((offset, v.shape))
@@ -295,14 +329,20 @@ class _TrainableSlot:
         return view
 
     def fold(self, features: Sequence[mi.Float]) -> list[mi.Float]:
-        """First-layer bias from the inputs that are constant over a material."""
-        return self._run([(0, 2)], features, None) if features else []
+        """As :meth:`Baked.fold`."""
+        if not features:
+            return []
+        folded = self._run([(0, 2)], features, None)
+        last = len(self._places) - 2
+        return folded + (self._run([(last, last + 1)], features, None) if self._modulated else [])
 
-    def __call__(self, x: Sequence[mi.Float], bias: Sequence[mi.Float]) -> list[mi.Float]:
-        """Output of the network for varying inputs `x` and the first-layer `bias` (empty if nothing is folded)."""
-        later = [(k, k + 1) for k in range(3, len(self._places), 2)]
+    def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
+        """Output of the network for varying inputs `x` and what :meth:`fold` returned (empty if nothing is folded)."""
+        bias, head = list(folded[: self._first]), folded[self._first :]
+        later = [(k, k + 1) for k in range(3, len(self._places) - (2 if head else 0), 2)]
         first = (1 if x else None, None if bias else 2)
-        return self._run([first, *later], x, list(bias) or None)
+        z = self._run([first, *later], x, bias or None)
+        return _head(z, head) if head else z
 
     def _run(self, layers, x, bias):
         return list(dr.custom(_TrainableOp, self, layers, [mi.Float(v) for v in x], bias, self._owner.weights))

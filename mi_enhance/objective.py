@@ -87,7 +87,8 @@ class Objective:
         params = parameters.unflatten(self.brdf.parameters, self.space.back(p_leaves))
         graph, record, active = self.brdf.prepare(self.wi, self.wo, params, self.evaluators)
         # What lies below the colours is a scalar: one backward pass through the networks serves all three channels.
-        cuts = {node.name: node(record) for node in _scalar_parts(graph)}
+        values = {node.name: node(record) for node in _scalar_parts(graph)}
+        cuts = {name: v for name, v in values.items() if dr.grad_enabled(v)}  # an analytic B is the number 1
         heads = {name: dr.detach(v) for name, v in cuts.items()}
         dr.enable_grad(list(heads.values()))
         frozen = {name: (lambda *_, v=v: v) for name, v in heads.items()}
@@ -180,7 +181,7 @@ def _scalar_parts(node) -> list:
 
 
 def _is_colour(node) -> bool:
-    return any(_is_colour(a) for a in node.args) if node.args else bool({"rho_d", "rho_s"} & set(node.inputs))
+    return any(_is_colour(a) for a in node.args) if node.args else any(name.startswith("rho_") for name in node.inputs)
 
 
 def _block(n: int) -> int:

@@ -47,6 +47,10 @@ RHO_S = Parameter("rho_s", 3, 0.0, 10.0, 1.0)
 ALPHA_X = Parameter("alpha_x", 1, 1e-4, 1.0, 0.2, log=True)
 ALPHA_Y = Parameter("alpha_y", 1, 1e-4, 1.0, 0.2, log=True)
 F0 = Parameter("F0", 1, 0.0, 1.0, 0.04)
+# The second lobe of `ggx2`: absent at first, twice as wide.
+RHO_S2 = Parameter("rho_s2", 3, 0.0, 10.0, 0.0)
+ALPHA_X2 = Parameter("alpha_x2", 1, 1e-4, 1.0, 0.4, log=True)
+ALPHA_Y2 = Parameter("alpha_y2", 1, 1e-4, 1.0, 0.4, log=True)
 
 
 def latent(n: int) -> Parameter:

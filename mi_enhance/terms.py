@@ -35,6 +35,32 @@ def M_lambert(rho_d):
     return rho_d * dr.inv_pi
 
 
+def B_lambert(cos_theta_i, cos_theta_o):
+    """Directional factor of the diffuse term, B = 1: Lambert's reflects the same in all directions.
+
+    A node to be replaced: rough and translucent materials brighten towards the light or at the edges.
+
+    Parameters
+    ----------
+    cos_theta_i, cos_theta_o : mi.Float, N lanes
+        Cosines of viewer and light; unused.
+
+    Returns
+    -------
+    float
+
+    References
+    ----------
+    Lambert 1760, *Photometria*; Oren and Nayar 1994, *Generalization of Lambert's Reflectance Model*, for what it lacks.
+
+    Examples
+    --------
+    >>> B_lambert(mi.Float(1), mi.Float(0.5))
+    1.0
+    """
+    return 1.0
+
+
 def S_constant(rho_s):
     """Specular scale, S = rho_s.
 

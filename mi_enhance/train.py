@@ -32,6 +32,7 @@ DEFAULTS = {
     "model": "ggx",
     "replace": ["F", "F*G", "G", "1/E"],
     "inputs": "symmetric",
+    "modulated": False,
     "n_latent": 27,
     "hidden": list(nn.HIDDEN),
     "data": [],
@@ -45,7 +46,7 @@ DEFAULTS = {
     "refits": 3,  # times, evenly spread, that every material is fitted anew
     "seed": 0,
 }
-_CHECKPOINT_EVERY = 500  # steps
+_CHECKPOINT_EVERY = 1000  # steps
 _REFIT_AT_ONCE = 128  # materials: bounds the memory of their Jacobians
 _START_SAMPLES = 1024  # per material, for the analytic fit that training starts from
 _WARM_UP = 200  # steps in which the rates rise: Adam's first steps, before its moments mean anything, can kill a lobe
@@ -233,6 +234,7 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
         n_latent=config["n_latent"],
         hidden=config["hidden"],
         inputs=config["inputs"],
+        modulated=config["modulated"],
         seed=config["seed"],
     )
     if checkpoint.exists():
@@ -293,7 +295,7 @@ def _analytic(brdf: EnhancedBRDF, samples: TrainingSet) -> np.ndarray:
 
 def _representative(kinds: list[str]) -> np.ndarray:
     """Materials that fits start from: all measured ones, and of the made-up ones as many, evenly spaced."""
-    made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes") for kind in kinds])
+    made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes", "assorted") for kind in kinds])
     measured, rest = np.flatnonzero(~made_up), np.flatnonzero(made_up)
     n = min(len(rest), max(len(measured), 100))
     return np.sort(np.append(measured, rest[np.linspace(0, len(rest) - 1, n).astype(int)] if n else rest))

@@ -6,10 +6,12 @@ What is decoded, and how many of each, is said by a list of sources (the ``data`
 ``kind``              what it is
 ====================  =====================================================================================
 ``nps``               every material of an NPs file (MERL: 100 stand-ins for the measurements)
-``nps-mixtures``      `count` new materials: random mixtures of two latents of that file, channels permuted
+``nps-mixtures``      `count` new materials: random mixtures of two latents of that file, channels permuted; scaled to
+                      an albedo drawn from ``"albedo": [low, high]``; with ``"warp": true`` times a random smooth factor
 ``nbrdf``             every material of an NBRDF file
 ``synthetic``         `count` anisotropic GGX with rotated tangents and the paper's noise
 ``two-lobes``         `count` materials with a sharp and a wide lobe, half of them anisotropic
+``assorted``          `count` materials of assorted distributions, Fresnel colours, geometric and diffuse factors
 ``file``              one measured file that :func:`mi_enhance.data.load` reads
 ====================  =====================================================================================
 """
@@ -26,8 +28,8 @@ import numpy as np
 
 from . import Measurements, load, nbrdf, nps
 from ._io import replacing
-from .sampling import sample_pairs
-from .synthetic import ggx_anisotropic, two_lobes
+from .sampling import cosine_hemisphere, sample_pairs
+from .synthetic import assorted, ggx_anisotropic, two_lobes, warp
 
 # A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.
 HELD_OUT_EVERY = 5
@@ -112,7 +114,7 @@ def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
         return [lambda k=k: _decoded(decoder, latents[k], names[k], n, seed + k) for k in range(len(names))]
     if kind == "nps-mixtures":
         names, latents, decoder = _nps(source)
-        return [lambda k=k: _mixture(decoder, latents, n, seed + k) for k in range(source["count"])]
+        return [lambda k=k: _mixture(source, decoder, latents, n, seed + k) for k in range(source["count"])]
     if kind == "nbrdf":
         return [
             lambda k=k: nbrdf.read(source["path"], k, n_samples=n, seed=seed + k)
@@ -122,10 +124,13 @@ def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
         return [lambda k=k: ggx_anisotropic(seed + k, n)[0] for k in range(source["count"])]
     if kind == "two-lobes":
         return [lambda k=k: two_lobes(seed + k, n) for k in range(source["count"])]
+    if kind == "assorted":
+        return [lambda k=k: assorted(seed + k, n) for k in range(source["count"])]
     if kind == "file":
         return [lambda: load(source["path"], n_samples=n, seed=seed, material=source.get("material"))]
     raise ValueError(
-        f'training set: kind "{kind}" is unknown. Choose one of: nps, nps-mixtures, nbrdf, synthetic, two-lobes, file.'
+        f'training set: kind "{kind}" is unknown. Choose one of: nps, nps-mixtures, nbrdf, synthetic, two-lobes, '
+        "assorted, file."
     )
 
 
@@ -142,8 +147,16 @@ def _decoded(decoder: dict, latent: np.ndarray, name: str, n: int, seed: int, or
     return Measurements(wi, wo, nps.decode(decoder, latent, wi, wo)[:, list(order)], name, "NPs")
 
 
-def _mixture(decoder: dict, latents: np.ndarray, n: int, seed: int) -> Measurements:
+def _mixture(source: dict, decoder: dict, latents: np.ndarray, n: int, seed: int) -> Measurements:
     rng = np.random.default_rng(seed)
     a, b = rng.choice(len(latents), 2, replace=False)
     t = rng.random()
-    return _decoded(decoder, (1 - t) * latents[a] + t * latents[b], f"mixture_{seed}", n, seed, rng.permutation(3))
+    latent, order = (1 - t) * latents[a] + t * latents[b], rng.permutation(3)
+    m = _decoded(decoder, latent, f"mixture_{seed}", n, seed, order)
+    f = m.f * warp(m.wi, m.wo, seed) if source.get("warp") else m.f
+    if "albedo" in source:
+        wi, wo = np.tile((0.0, 0.0, 1.0), (512, 1)), cosine_hemisphere(512)
+        albedo = np.pi * nps.decode(decoder, latent, wi, wo).mean(0).max()
+        # 30: a black material is not all specks of the decoder, however dark
+        f = f * min(rng.uniform(*source["albedo"]) / max(albedo, 1e-6), 30)
+    return Measurements(m.wi, m.wo, np.minimum(f, 1e4), m.name, m.source)
