@@ -1,9 +1,9 @@
 """NBRDF trained by us: a 6-21-21-3 network of its own for every material, the published recipe in NumPy.
 
-As published: Cartesian half and difference vector in, ``exp(y) - 1`` out, mean of abs(log(1 + f cos)) differences, Adam,
-batches of 512, no validation set. Changed, because it helps: Adam starts at 1e-2 instead of 5e-4 and falls to 0 like a
-cosine; 400 epochs instead of 100; initial weights as He et al. 2015 have them; values below 0 get a gradient while
-training (cut off, they would learn nothing); few samples get as many steps as 50 epochs of 1e5.
+As published: Cartesian half and difference vector in, ``exp(y) - 1`` out, mean of abs(log(1 + f cos)) differences,
+Adam, batches of 512, no validation set. Changed, because it helps: Adam starts at 1e-2 instead of 5e-4 and falls to 0
+like a cosine; 400 epochs instead of 100; initial weights as He et al. 2015 have them; values below 0 get a gradient
+while training (cut off, they would learn nothing); few samples get as many steps as 50 epochs of 1e5.
 
 Run as a script it holds these networks against the authors', on stand-ins for MERL materials: both by the same samples.
 """
@@ -55,9 +55,7 @@ def main() -> None:
         )
         network, seconds = train(seen, epochs=args.epochs, learning_rate=args.learning_rate)
         authors = {key: w[names.index(name)] for key, w in networks.items()}
-        losses = [
-            log_l1(nbrdf.decode(w, unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2]) for w in (authors, network)
-        ]
+        losses = [log_l1(nbrdf.decode(w, unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2]) for w in (authors, network)]
         rows.append({"material": name, "authors": losses[0], "ours": losses[1], "seconds": seconds})
         rows[-1]["ratio"] = losses[1] / losses[0]
     finish(rows, _COLUMNS, title=f"{args.samples:,} samples, {args.epochs} epochs", about=about, as_json=args.json)
