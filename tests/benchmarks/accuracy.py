@@ -17,7 +17,6 @@ fits and renders, from which an interrupted run goes on.
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
@@ -29,7 +28,7 @@ from common import finish, machine
 
 from mi_enhance import data
 from mi_enhance.data import rgl
-from mi_enhance.data._io import material_name, replacing
+from mi_enhance.data._io import material_name
 from mi_enhance.losses import log_l1
 from mi_enhance.table import print_table, write_table
 
@@ -95,7 +94,10 @@ def _material(args, path, contenders: list[rivals.Rival]) -> list[dict]:
     folder = Path(args.output) / material_name(path)
     folder.mkdir(parents=True, exist_ok=True)
     measurements = data.load(path, n_samples=args.samples, seed=args.seed, kind="rgl")
-    rows = [_row(rival, measurements, path, folder) for rival in contenders]
+    rows = []
+    for rival in contenders:
+        file = rival.stem(measurements, folder).with_suffix(".json")
+        rows.append(rivals.kept(file, lambda rival=rival: _row(rival, measurements, path, folder)))
     for row in rows:
         for error in _ERRORS:
             row[f"{error}_ratio"] = row[error] / rows[0][error] if error in row else None
@@ -103,18 +105,13 @@ def _material(args, path, contenders: list[rivals.Rival]) -> list[dict]:
 
 
 def _row(rival: rivals.Rival, measurements: data.Measurements, path, folder: Path) -> dict:
-    """Errors and costs of one fit, from the file that an earlier run has left or anew."""
-    kept = rival.stem(measurements, folder).with_suffix(".json")
-    if kept.exists():
-        return json.loads(kept.read_text())
+    """Errors and costs of one fit."""
     row = {"material": measurements.name, "label": rival.label}
     fitted = rival.fit(measurements, folder)
     if fitted:
         row |= errors(fitted.evaluate, measurements, path)
         row |= {"n_parameters": fitted.n_parameters, "bytes": 4 * fitted.n_parameters, "fit_seconds": fitted.seconds}
         row |= {"shared_bytes": fitted.shared_bytes, "multiply_adds": fitted.multiply_adds}
-    with replacing(kept) as temporary:
-        Path(temporary).write_text(json.dumps(row, indent=1))
     return row
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -55,7 +56,16 @@ class Rival(NamedTuple):
         digest = hashlib.sha256(json.dumps(self.key).encode())
         for a in (measurements.wi, measurements.wo, measurements.f):
             digest.update(a.tobytes())
-        return Path(folder) / f"{self.label.replace(' ', '_').lower()}-{digest.hexdigest()[:12]}"
+        return Path(folder) / f"{re.sub('[^a-z0-9]+', '_', self.label.lower())}-{digest.hexdigest()[:12]}"
+
+
+def kept(path: Path, compute: Callable) -> dict:
+    """What `compute` returns, from the JSON file `path` if an earlier run has written it."""
+    if not path.exists():
+        result = json.dumps(compute(), indent=1)
+        with replacing(path) as temporary:
+            Path(temporary).write_text(result)
+    return json.loads(path.read_text())
 
 
 def ours(args) -> list[Rival]:
@@ -99,7 +109,8 @@ def nbrdf_trained(seed: int) -> Rival:
             with replacing(path) as temporary:
                 np.savez(temporary, names=np.array([measurements.name]), seconds=seconds, **arrays)
         with np.load(path) as stored:
-            return _nbrdf({key: stored[key][0] for key in stored if key[0] in "Wb"}, float(stored["seconds"]))
+            network = {key: stored[key][0] for key in stored if key[0] in "Wb"}
+            return _nbrdf(network, float(stored["seconds"]), measurements.f.max())
 
     return Rival("NBRDF trained", ["nbrdf trained", nbrdf_training.train.__kwdefaults__, seed], run)
 
@@ -111,7 +122,7 @@ def nbrdf_authors(path) -> Rival:
     def run(measurements, _):
         if measurements.name not in names:
             return None
-        return _nbrdf({key: w[names.index(measurements.name)] for key, w in networks.items()}, None)
+        return _nbrdf({key: w[names.index(measurements.name)] for key, w in networks.items()}, None, np.inf)
 
     return Rival("NBRDF authors", ["nbrdf authors", _digest(path)], run)
 
@@ -189,10 +200,11 @@ def _lanes(material: Material) -> dict:
     return parameters.unflatten(material.brdf.parameters, values)
 
 
-def _nbrdf(network: dict, seconds: float | None) -> Fitted:
+def _nbrdf(network: dict, seconds: float | None, highest: float) -> Fitted:
+    """Values are cut at `highest`, the largest that training has seen: far from its samples a network can overflow."""
     products = sum(network[name].size for name in ("W1", "W2", "W3"))
     total = sum(w.size for w in network.values())
-    return Fitted(lambda wi, wo: nbrdf.decode(network, wi, wo), seconds, total, 0, products)
+    return Fitted(lambda wi, wo: np.minimum(nbrdf.decode(network, wi, wo), highest), seconds, total, 0, products)
 
 
 def _digest(path) -> str:
