@@ -1,4 +1,4 @@
-"""Log-L1 of all models on measured RGL files, fitted to the same samples; ``--render``: SSIM and Delta E_ITP as well.
+"""Log-L1 of all models on measured RGL files, fitted to the same samples; ``--render``: SSIM and Delta E_ITP, too.
 
 Four errors of each fit, all eq. (1) of the paper as a mean, over the samples of the fit:
 
@@ -8,6 +8,9 @@ Four errors of each fit, all eq. (1) of the paper as a mean, over the samples of
   f = (max(e(wi, wo), 0) + max(e(wo, wi), 0)) / (cos_i + cos_o). The files are not reciprocal, most models are;
 - both *below 80 degrees*: only samples with both directions less than 80 degrees from the normal; beyond, the files are
   extrapolated.
+
+``--render`` holds renders of the Standard Shader Ball against the file's own (``mi_enhance/metrics.py``), one
+``comparison.png`` for every material. What is no BSDF of ours is rendered from a table (``tabulated.py``).
 
 Writes into the folder of ``-o``: ``accuracy.csv``, ``.json``, ``.md`` (one row per model: means, ratios of the means to
 GGX, the worst material), ``materials.*`` (one row per material and model), and a folder for every material with its
@@ -24,11 +27,12 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import mitsuba as mi  # isort: skip
 import numpy as np
 import rivals
+import tabulated
 from common import finish, machine
 
-from mi_enhance import data
+from mi_enhance import data, metrics, picture, scene
 from mi_enhance.data import rgl
-from mi_enhance.data._io import material_name
+from mi_enhance.data._io import material_name, replacing
 from mi_enhance.losses import log_l1
 from mi_enhance.table import print_table, write_table
 
@@ -41,6 +45,7 @@ _ERRORS = {
     "log_l1_reciprocal_80": "reciprocal < 80°",
 }
 _JUDGED = "log_l1_80"  # the error that ratios of single materials are about
+_RENDERED = {"ssim": ("SSIM", ".4f"), "delta_E_ITP_1000": ("ΔE ITP x1000", ".2f")}
 _COSTS = {
     "n_parameters": ("parameters", ",.0f"),
     "bytes": ("bytes", ",.0f"),
@@ -54,12 +59,14 @@ _SUMMARY = {
     **{k: v for e, text in _ERRORS.items() for k, v in {e: (text, ".5f"), f"{e}_ratio": ("ratio", ".3f")}.items()},
     "worst_ratio": ("worst", ".3f"),
     "worst": ("at", ""),
+    **_RENDERED,
     **_COSTS,
 }
 _MATERIALS = {
     "material": ("material", ""),
     "label": ("model", ""),
     **{k: v for e, text in _ERRORS.items() for k, v in {e: (text, ".5f"), f"{e}_ratio": ("ratio", ".3f")}.items()},
+    **_RENDERED,
 }
 
 
@@ -70,6 +77,9 @@ def main() -> None:
     rivals.add_options(parser)
     parser.add_argument("--nbrdf", metavar="NPZ", help="the authors' NBRDF networks of RGL materials")
     parser.add_argument("--nps", metavar="NPZ", help="NPs latents of RGL materials, decoder.npz beside them")
+    parser.add_argument("--render", action="store_true", help="SSIM and Delta E_ITP on the shader ball, too")
+    parser.add_argument("--resolution", type=int, default=256)
+    parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("-o", "--output", default="out/accuracy", help="folder (default: %(default)s)")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
@@ -98,6 +108,8 @@ def _material(args, path, contenders: list[rivals.Rival]) -> list[dict]:
     for rival in contenders:
         file = rival.stem(measurements, folder).with_suffix(".json")
         rows.append(rivals.kept(file, lambda rival=rival: _row(rival, measurements, path, folder)))
+    if args.render:
+        _render(args, path, measurements, folder, contenders, rows)
     for row in rows:
         for error in _ERRORS:
             row[f"{error}_ratio"] = row[error] / rows[0][error] if error in row else None
@@ -113,6 +125,36 @@ def _row(rival: rivals.Rival, measurements: data.Measurements, path, folder: Pat
         row |= {"n_parameters": fitted.n_parameters, "bytes": 4 * fitted.n_parameters, "fit_seconds": fitted.seconds}
         row |= {"shared_bytes": fitted.shared_bytes, "multiply_adds": fitted.multiply_adds}
     return row
+
+
+def _render(args, path, measurements, folder: Path, contenders: list[rivals.Rival], rows: list[dict]) -> None:
+    """Add the image errors to the rows, and draw truth and models side by side."""
+    lobe = contenders[0].fit(measurements, folder).material
+    truth = _image(args, folder / f"measured-{args.seed}", lambda: {"type": "measured", "filename": str(path)})
+    tiles = []
+    for rival, row in zip(contenders, rows, strict=True):
+        fitted = rival.fit(measurements, folder)
+        if fitted:
+            image = _image(args, rival.stem(measurements, folder), lambda fitted=fitted: _bsdf(fitted, lobe))
+            error = metrics.delta_E_ITP_map(image, truth)
+            row |= {"ssim": metrics.ssim(image, truth), "delta_E_ITP_1000": 1000 * float(np.mean(error))}
+            tiles.append({**row, "image": image, "error": error})
+    picture.draw(("measured", truth), tiles, folder / "comparison.png", title=measurements.name)
+
+
+def _bsdf(fitted: rivals.Fitted, lobe: rivals.Material):
+    return fitted.material.bsdf() if fitted.material else tabulated.bsdf(tabulated.tabulate(fitted.evaluate), lobe)
+
+
+def _image(args, stem: Path, make_bsdf) -> np.ndarray:
+    """A render of the shader ball, from the file that an earlier run has left or anew."""
+    file = stem.with_suffix(f".{args.resolution}-{args.spp}.exr")
+    if not file.exists():
+        ball = scene.shader_ball(make_bsdf(), resolution=args.resolution, spp=args.spp)
+        image = mi.Bitmap(np.array(mi.render(ball, spp=args.spp, seed=args.seed)))
+        with replacing(file) as temporary:
+            image.write(temporary)
+    return np.array(mi.Bitmap(str(file)), np.float32)
 
 
 def errors(evaluate, measurements: data.Measurements, path) -> dict:
@@ -144,7 +186,7 @@ def _summary(rows: list[dict], label: str) -> dict:
         summary[f"{error}_ratio"] = mean(own, error) / mean(reference, error)
     worst = max(own, key=lambda row: row[f"{_JUDGED}_ratio"])
     summary |= {"worst_ratio": worst[f"{_JUDGED}_ratio"], "worst": worst["material"]}
-    for key in _COSTS:
+    for key in (*_RENDERED, *_COSTS):
         summary[key] = mean(own, key) if own[0].get(key) is not None else None
     return summary
 
