@@ -420,6 +420,54 @@ def test_synthetic_noise_and_ranges():
     assert m.f.min() >= 0 and np.arccos(truth["n"][2]) <= 0.2
 
 
+WARD = dict(t_theta=0.4, rho_d=[0.3, 0.2, 0.1], rho_s=[0.1, 0.2, 0.4], alpha_x=0.3, alpha_y=0.1)
+BECKMANN = dict(t_theta=0.4, F0=[0.9, 0.5, 0.1], alpha_x=0.3, alpha_y=0.1)
+
+
+@pytest.mark.parametrize("f, p", [(synthetic.ward, WARD), (synthetic.beckmann, BECKMANN)])
+def test_synthetic_validation_lobes_are_reciprocal_positive_and_turn_with_the_tangent(f, p):
+    wi, wo = sampling.sample_pairs(2000, seed=11)
+    values = f(wi, wo, **p)
+    assert (values >= 0).all() and (values > 0).any()  # far from its peak a lobe alone underflows to 0
+    np.testing.assert_allclose(f(wo, wi, **p), values, rtol=1e-12)
+    c, s = np.cos(0.4), np.sin(0.4)
+    back = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])  # rows times this: turned by -0.4 about the normal
+    np.testing.assert_allclose(f(wi @ back, wo @ back, **{**p, "t_theta": 0.0}), values, rtol=1e-9)
+    np.testing.assert_allclose(f(wi, wo, **{**p, "t_theta": 0.4 + np.pi}), values, rtol=1e-9)
+
+
+def test_synthetic_ward_by_angles():
+    # eq. 5a as Ward writes it: delta between h and n, phi of h to the tangent
+    theta_h, phi_h, theta_d, phi_d = 0.3, 1.1, 0.5, 2.0
+    wi, wo = sampling.rusinkiewicz_to_directions(*np.array([[theta_h], [phi_h], [theta_d], [phi_d]]))
+    phi = phi_h - WARD["t_theta"]
+    exponent = np.tan(theta_h) ** 2 * (np.cos(phi) ** 2 / 0.3**2 + np.sin(phi) ** 2 / 0.1**2)
+    lobe = np.exp(-exponent) / (4 * np.pi * 0.3 * 0.1) / np.sqrt(wi[0, 2] * wo[0, 2])
+    expected = np.array(WARD["rho_d"]) / np.pi + np.array(WARD["rho_s"]) * lobe
+    np.testing.assert_allclose(synthetic.ward(wi, wo, **WARD)[0], expected, rtol=1e-12)
+
+
+def test_synthetic_beckmann_is_mitsubas_roughconductor(rgb):
+    bsdf = mi.load_dict(
+        {"type": "roughconductor", "distribution": "beckmann", "material": "none", "alpha_u": 0.35, "alpha_v": 0.1}
+    )
+    wi, wo = sampling.sample_pairs(2000, seed=12)
+    si = mi.SurfaceInteraction3f()
+    si.wi = mi.Vector3f(wi.T.copy())
+    expected = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo.T.copy()))).T / wo[:, 2:]
+    f = synthetic.beckmann(wi, wo, t_theta=0.0, F0=np.ones(3), alpha_x=0.35, alpha_y=0.1)
+    compared = expected > 1e-4 * expected.max()  # Mitsuba flushes the far tail of D to 0
+    assert compared.mean() > 0.1
+    np.testing.assert_allclose(f[compared], expected[compared], rtol=1e-3)  # float32 half vectors
+
+
+@pytest.mark.parametrize("draw", [synthetic.ward_anisotropic, synthetic.beckmann_mixture])
+def test_synthetic_validation_kinds_are_seeded_and_anisotropic(draw):
+    a, b, other = draw(4, n_samples=500), draw(4, n_samples=500), draw(5, n_samples=500)
+    assert (a.f == b.f).all() and (a.wi == b.wi).all() and not (a.f == other.f).any()
+    assert a.name == f"{draw.__name__}_4" and (a.f > 0).all() and "validation only" in a.source
+
+
 # ---- choosing the reader
 
 

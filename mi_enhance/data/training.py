@@ -28,8 +28,9 @@ import numpy as np
 
 from . import Measurements, load, nbrdf, nps
 from ._io import replacing
+from .assorted import assorted, warp
 from .sampling import cosine_hemisphere, sample_pairs
-from .synthetic import assorted, ggx_anisotropic, two_lobes, warp
+from .synthetic import ggx_anisotropic, two_lobes
 
 # A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.
 HELD_OUT_EVERY = 5

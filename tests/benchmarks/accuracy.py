@@ -1,7 +1,20 @@
-"""Log-L1 of plain and enhanced GGX on measured RGL files, both fitted by the same method: ratio, mean and worst.
+"""Log-L1 of all models on measured RGL files, fitted to the same samples; ``--render``: SSIM and Delta E_ITP, too.
 
-With ``--render`` also SSIM and Delta E_ITP on the Standard Shader Ball, by ``mi_enhance.compare``, which then fits too.
-Writes ``accuracy.csv``, ``.json`` and ``.md`` into the folder of ``-o``.
+Four errors of each fit, all eq. (1) of the paper as a mean, over the samples of the fit:
+
+- *as rendered*: against the file, light = Mitsuba's ``wo``;
+- *reciprocal*: against the average of both orders of each pair, the truth that NPs was made from. With
+  e(a, b) = f cos_b as Mitsuba's ``measured`` gives it for a viewer a and a light b:
+  f = (max(e(wi, wo), 0) + max(e(wo, wi), 0)) / (cos_i + cos_o). The files are not reciprocal, most models are;
+- both *below 80 degrees*: only samples with both directions less than 80 degrees from the normal; beyond, the files are
+  extrapolated.
+
+``--render`` holds renders of the Standard Shader Ball against the file's own (``mi_enhance/metrics.py``), one
+``comparison.png`` for every material. What is no BSDF of ours is rendered from a table (``tabulated.py``).
+
+Writes into the folder of ``-o``: ``accuracy.csv``, ``.json``, ``.md`` (one row per model: means, ratios of the means to
+GGX, the worst material), ``materials.*`` (one row per material and model), and a folder for every material with its
+fits and renders, from which an interrupted run goes on.
 """
 
 from __future__ import annotations
@@ -12,90 +25,180 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import numpy as np
+import rivals
+import tabulated
 from common import finish, machine
 
-from mi_enhance import Material, data, fit
-from mi_enhance.compare import compare_files, default_models
-from mi_enhance.data._io import material_name
-from mi_enhance.table import write_table
+from mi_enhance import data, metrics, picture, scene
+from mi_enhance.data import rgl
+from mi_enhance.data._io import material_name, replacing
+from mi_enhance.losses import log_l1
+from mi_enhance.table import print_table, write_table
 
 _ROOT = Path(__file__).resolve().parents[2]
-_COLUMNS = {
-    "material": ("material", ""),
-    "ggx_log_l1": ("log-L1, GGX", ".5f"),
-    "enhanced_log_l1": ("enhanced", ".5f"),
-    "ratio": ("ratio", ".3f"),
-    "enhanced_fit_seconds": ("fit s", ".1f"),
+_MAX_ANGLE = 80  # degrees
+_ERRORS = {
+    "log_l1": "as rendered",
+    "log_l1_reciprocal": "reciprocal",
+    "log_l1_80": "rendered < 80°",
+    "log_l1_reciprocal_80": "reciprocal < 80°",
 }
-_RENDERED = {
-    "ggx_ssim": ("SSIM, GGX", ".4f"),
-    "enhanced_ssim": ("enhanced", ".4f"),
-    "ggx_delta_E_ITP_1000": ("ΔE ITP x1000, GGX", ".2f"),
-    "enhanced_delta_E_ITP_1000": ("enhanced", ".2f"),
+_JUDGED = "log_l1_80"  # the error that ratios of single materials are about
+_RENDERED = {"ssim": ("SSIM", ".4f"), "delta_E_ITP_1000": ("ΔE ITP x1000", ".2f")}
+_COSTS = {
+    "n_parameters": ("parameters", ",.0f"),
+    "bytes": ("bytes", ",.0f"),
+    "shared_bytes": ("shared bytes", ",.0f"),
+    "multiply_adds": ("multiply-adds", ",.0f"),
+    "fit_seconds": ("fit s", ".1f"),
+}
+_SUMMARY = {
+    "label": ("model", ""),
+    "n_materials": ("of", "d"),
+    **{k: v for e, text in _ERRORS.items() for k, v in {e: (text, ".5f"), f"{e}_ratio": ("ratio", ".3f")}.items()},
+    "worst_ratio": ("worst", ".3f"),
+    "worst": ("at", ""),
+    **_RENDERED,
+    **_COSTS,
+}
+_MATERIALS = {
+    "material": ("material", ""),
+    "label": ("model", ""),
+    **{k: v for e, text in _ERRORS.items() for k, v in {e: (text, ".5f"), f"{e}_ratio": ("ratio", ".3f")}.items()},
+    **_RENDERED,
 }
 
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", nargs="*", help="RGL .bsdf (default: data/rgl/*.bsdf)")
-    parser.add_argument("--network", help="network to fit (default: the shipped ggx)")
-    parser.add_argument("--method", default="lm", choices=("lm", "rmsprop"))
-    parser.add_argument("--samples", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=0)
+    rivals.add_options(parser)
+    parser.add_argument("--nbrdf", metavar="NPZ", help="the authors' NBRDF networks of RGL materials")
+    parser.add_argument("--nps", metavar="NPZ", help="NPs latents of RGL materials, decoder.npz beside them")
     parser.add_argument("--render", action="store_true", help="SSIM and Delta E_ITP on the shader ball, too")
     parser.add_argument("--resolution", type=int, default=256)
     parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("-o", "--output", default="out/accuracy", help="folder (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
-    paths = args.data or sorted((_ROOT / "data/rgl").glob("*.bsdf"))
-    network = Material.load(args.network) if args.network else Material.network("ggx")
-    rows = _rendered(args, paths, network) if args.render else [_fitted(args, path, network) for path in paths]
-    for row in rows:
-        row["ratio"] = row["enhanced_log_l1"] / row["ggx_log_l1"]
-    columns = _COLUMNS | (_RENDERED if args.render else {})
-    rows += [_mean(rows, columns), {**max(rows, key=lambda row: row["ratio"])}]
-    rows[-1]["material"] = f"worst: {rows[-1]['material']}"
-    Path(args.output).mkdir(parents=True, exist_ok=True)
-    write_table(rows, Path(args.output) / "accuracy", columns)
-    finish(rows, columns, title=f"{args.samples:,} samples, {args.method}", about=about, as_json=args.json)
-
-
-def _fitted(args, path, network: Material) -> dict:
-    """A fit of the enhanced model fits its analytic ancestor first, by the same method."""
-    measurements = data.load(path, n_samples=args.samples, seed=args.seed, kind="rgl")
-    report = fit(network, measurements, method=args.method, seed=args.seed).report
-    return {
-        "material": material_name(path),
-        "ggx_log_l1": report["log_l1_analytic"],
-        "enhanced_log_l1": report["log_l1"],
-        "enhanced_fit_seconds": report["seconds"],
-    }
-
-
-def _rendered(args, paths, network: Material) -> list[dict]:
-    """One row per material from the three of `compare_files` (truth, GGX, enhanced)."""
-    result = compare_files(
-        paths, out_dir=args.output, models=default_models(network), method=args.method, n_samples=args.samples,
-        seed=args.seed, resolution=args.resolution, spp=args.spp, log=print,
-    )  # fmt: skip
+    contenders = [*rivals.ours(args), rivals.nbrdf_trained(args.seed)]
+    contenders += [rivals.nbrdf_authors(args.nbrdf)] if args.nbrdf else []
+    contenders += [rivals.nps_authors(args.nps)] if args.nps else []
     rows = []
-    for start in range(0, len(result["rows"]), 3):
-        _, *models = result["rows"][start : start + 3]
-        row = {"material": models[0]["material"]}
-        for name, model in zip(("ggx", "enhanced"), models, strict=True):
-            row |= {f"{name}_{key}": model[key] for key in ("log_l1", "fit_seconds", "ssim", "delta_E_ITP_1000")}
-        rows.append(row)
+    for path in args.data or sorted((_ROOT / "data/rgl").glob("*.bsdf")):
+        print(material_name(path), flush=True)
+        rows += _material(args, path, contenders)
+    write_table(rows, Path(args.output) / "materials", _MATERIALS)
+    summary = [_summary(rows, rival.label) for rival in contenders]
+    write_table(summary, Path(args.output) / "accuracy", _SUMMARY)
+    title = f"log-L1, {args.samples:,} samples, {args.method}, mean of {len(rows) // len(contenders)} materials"
+    print_table(*_ratios(rows), title=f"Ratio to GGX, {_ERRORS[_JUDGED]}")
+    finish(summary, _SUMMARY, title=title, about=about, as_json=args.json)
+
+
+def _material(args, path, contenders: list[rivals.Rival]) -> list[dict]:
+    """One row per model."""
+    folder = Path(args.output) / material_name(path)
+    folder.mkdir(parents=True, exist_ok=True)
+    measurements = data.load(path, n_samples=args.samples, seed=args.seed, kind="rgl")
+    rows = []
+    for rival in contenders:
+        file = rival.stem(measurements, folder).with_suffix(".json")
+        rows.append(rivals.kept(file, lambda rival=rival: _row(rival, measurements, path, folder)))
+    if args.render:
+        _render(args, path, measurements, folder, contenders, rows)
+    for row in rows:
+        for error in _ERRORS:
+            row[f"{error}_ratio"] = row[error] / rows[0][error] if error in row else None
     return rows
 
 
-def _mean(rows: list[dict], columns: dict) -> dict:
-    """Means; the ratio is that of the mean losses."""
-    mean = {key: sum(row[key] for row in rows) / len(rows) for key in columns if key != "material"}
-    return {"material": f"mean of {len(rows)}", **mean, "ratio": mean["enhanced_log_l1"] / mean["ggx_log_l1"]}
+def _row(rival: rivals.Rival, measurements: data.Measurements, path, folder: Path) -> dict:
+    """Errors and costs of one fit."""
+    row = {"material": measurements.name, "label": rival.label}
+    fitted = rival.fit(measurements, folder)
+    if fitted:
+        row |= errors(fitted.evaluate, measurements, path)
+        row |= {"n_parameters": fitted.n_parameters, "bytes": 4 * fitted.n_parameters, "fit_seconds": fitted.seconds}
+        row |= {"shared_bytes": fitted.shared_bytes, "multiply_adds": fitted.multiply_adds}
+    return row
+
+
+def _render(args, path, measurements, folder: Path, contenders: list[rivals.Rival], rows: list[dict]) -> None:
+    """Add the image errors to the rows, and draw truth and models side by side."""
+    lobe = contenders[0].fit(measurements, folder).material
+    truth = _image(args, folder / f"measured-{args.seed}", lambda: {"type": "measured", "filename": str(path)})
+    tiles = []
+    for rival, row in zip(contenders, rows, strict=True):
+        fitted = rival.fit(measurements, folder)
+        if fitted:
+            image = _image(args, rival.stem(measurements, folder), lambda fitted=fitted: _bsdf(fitted, lobe))
+            error = metrics.delta_E_ITP_map(image, truth)
+            row |= {"ssim": metrics.ssim(image, truth), "delta_E_ITP_1000": 1000 * float(np.mean(error))}
+            tiles.append({**row, "image": image, "error": error})
+    picture.draw(("measured", truth), tiles, folder / "comparison.png", title=measurements.name)
+
+
+def _bsdf(fitted: rivals.Fitted, lobe: rivals.Material):
+    return fitted.material.bsdf() if fitted.material else tabulated.bsdf(tabulated.tabulate(fitted.evaluate), lobe)
+
+
+def _image(args, stem: Path, make_bsdf) -> np.ndarray:
+    """A render of the shader ball, from the file that an earlier run has left or anew."""
+    file = stem.with_suffix(f".{args.resolution}-{args.spp}.exr")
+    if not file.exists():
+        ball = scene.shader_ball(make_bsdf(), resolution=args.resolution, spp=args.spp)
+        image = mi.Bitmap(np.array(mi.render(ball, spp=args.spp, seed=args.seed)))
+        with replacing(file) as temporary:
+            image.write(temporary)
+    return np.array(mi.Bitmap(str(file)), np.float32)
+
+
+def errors(evaluate, measurements: data.Measurements, path) -> dict:
+    """The four errors of a model on the samples of an RGL file."""
+    wi, wo = measurements.wi, measurements.wo
+    cos_i, cos_o = wi[:, 2:], wo[:, 2:]
+    other = np.maximum(rgl.evaluate(path, wo, wi) * cos_i, 0)
+    reciprocal = (measurements.f * cos_o + other) / (cos_i + cos_o)
+    f = evaluate(wi, wo)
+    below = np.minimum(cos_i, cos_o)[:, 0] > np.cos(np.deg2rad(_MAX_ANGLE))
+    return {
+        name + suffix: log_l1(f[keep], truth[keep], wo[keep, 2])
+        for name, truth in (("log_l1", measurements.f), ("log_l1_reciprocal", reciprocal))
+        for suffix, keep in (("", slice(None)), ("_80", below))
+    }
+
+
+def _summary(rows: list[dict], label: str) -> dict:
+    """Means of one model over the materials it has; the ratios are those of the means over these materials."""
+    own = [row for row in rows if row["label"] == label and _JUDGED in row]
+    if not own:
+        return {"label": label}
+    there = {row["material"] for row in own}
+    reference = [row for row in rows if row["label"] == rivals.REFERENCE and row["material"] in there]
+    mean = lambda some, key: float(np.mean([row[key] for row in some]))  # noqa: E731
+    summary = {"label": label, "n_materials": len(own)}
+    for error in _ERRORS:
+        summary[error] = mean(own, error)
+        summary[f"{error}_ratio"] = mean(own, error) / mean(reference, error)
+    worst = max(own, key=lambda row: row[f"{_JUDGED}_ratio"])
+    summary |= {"worst_ratio": worst[f"{_JUDGED}_ratio"], "worst": worst["material"]}
+    for key in (*_RENDERED, *_COSTS):
+        summary[key] = mean(own, key) if own[0].get(key) is not None else None
+    return summary
+
+
+def _ratios(rows: list[dict]) -> tuple[list[dict], dict]:
+    """One row per material, one column per model."""
+    columns = {"material": ("material", "")}
+    table = {}
+    for row in rows:
+        columns[row["label"]] = (row["label"], ".3f")
+        table.setdefault(row["material"], {"material": row["material"]})[row["label"]] = row[f"{_JUDGED}_ratio"]
+    return list(table.values()), columns
 
 
 if __name__ == "__main__":

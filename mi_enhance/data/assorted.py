@@ -1,0 +1,151 @@
+"""Materials that nobody measured, to train on: published forms of every term put together at random, and smooth random factors.
+
+What a network learns from them is less what materials are than what directions a factor may depend on, and how.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import Measurements
+from .sampling import half_difference, sample_pairs
+from .synthetic import _frame
+
+
+def assorted(seed, n_samples=100_000):
+    """Draw a material from the many shapes that terms of published models take, and measure it.
+
+    One to three lobes over a diffuse term. Each has one of three distributions (generalised Trowbridge-Reitz, hence GGX
+    and its longer and shorter tails; hyper-Cauchy in the slope; exponential in the slope), a Fresnel colour that goes to
+    white, stays, or shifts through a film's hues, one of three geometric factors, and a free power of the cosines.
+    The diffuse term is Lambert's, brightens at the edges or towards the light. What a network learns here is less what
+    materials are than what directions a factor may depend on, and how.
+
+    Parameters
+    ----------
+    seed : int
+        Decides material and directions.
+    n_samples : int
+
+    Returns
+    -------
+    Measurements
+        Reciprocal, without noise; the value is limited to 1e4.
+
+    References
+    ----------
+    Burley 2012, *Physically Based Shading at Disney*: GTR, retro-reflective diffuse, sheen; Wu et al. 2011 and Bagher et
+    al. 2012 for tails between Beckmann's and GGX's. No Ward, no Beckmann: those test how networks generalise.
+
+    Examples
+    --------
+    >>> assorted(1, n_samples=10).name
+    'assorted_1'
+    """
+    rng = np.random.default_rng(seed)
+    wi, wo = sample_pairs(n_samples, seed=rng)
+    t, b, n = _frame(np.array([0.0, 0.0, 1.0]), rng.uniform(0, np.pi))
+    i, o = (np.asarray(w, np.float64) @ np.stack((t, b, n), 1) for w in (wi, wo))
+    h = i + o
+    cos_d = np.linalg.norm(h, axis=1) / 2
+    h /= 2 * cos_d[:, None]
+    product = i[:, 2] * o[:, 2]
+    q = 1 - np.clip(cos_d, 0, 1)
+
+    base = rng.uniform(0, 1, 3) ** rng.uniform(0.5, 2) * rng.uniform(0, 1)
+    factor = np.ones(n_samples)
+    if rng.random() < 0.4:  # edges, brighter or darker
+        factor *= product ** rng.uniform(-0.4, 0.5)
+    if rng.random() < 0.4:  # towards the light
+        factor += rng.uniform(0, 1.5) * np.exp(-((1 - cos_d**2) / rng.uniform(0.05, 0.6)))
+    if rng.random() < 0.3:  # sheen
+        factor += rng.uniform(0, 3) * q ** rng.uniform(2, 6)
+    f = base / np.pi * factor[:, None]
+
+    anisotropic = rng.random() < 0.4
+    for _ in range(rng.integers(1, 4)):
+        alpha = np.exp(rng.uniform(*np.log((0.01, 0.7))))
+        ratio = np.exp(rng.uniform(0, np.log(3))) if anisotropic else 1.0
+        lobe = _distribution(rng, h, min(alpha * ratio, 1.0), alpha / ratio)
+        lobe *= _geometry(rng, i, o, h, cos_d, alpha)
+        lobe *= 0.25 * product ** -rng.uniform(0.5, 1.0)
+        scale = np.exp(rng.uniform(*np.log((0.02, 1.5))))
+        f = f + scale * _colour(rng, q) * lobe[:, None]
+    return Measurements(wi, wo, np.minimum(f, 1e4), f"assorted_{seed}", "synthetic")
+
+
+def _distribution(rng, h, alpha_x, alpha_y):
+    """Density of normals of one of three families, normalised at its peak like GGX."""
+    x2 = (h[:, 0] / alpha_x) ** 2 + (h[:, 1] / alpha_y) ** 2
+    peak = 1 / (np.pi * alpha_x * alpha_y)
+    kind = rng.integers(3)
+    if kind == 0:
+        return peak / (x2 + h[:, 2] ** 2) ** rng.uniform(1.2, 4)
+    slope2 = x2 / h[:, 2] ** 2
+    if kind == 1:
+        return peak / (1 + slope2) ** rng.uniform(0.8, 3) / h[:, 2] ** rng.uniform(0, 1)
+    return peak * np.exp(-(slope2 ** rng.uniform(0.3, 0.8))) / h[:, 2] ** rng.uniform(0, 1)
+
+
+def _geometry(rng, i, o, h, cos_d, alpha):
+    kind = rng.integers(3)
+    if kind == 0:
+        return np.ones(len(i))
+    if kind == 1:  # V-cavities
+        return np.minimum(1, 2 * h[:, 2] * np.minimum(i[:, 2], o[:, 2]) / cos_d)
+    k = alpha * rng.uniform(0.5, 1.5)  # Smith
+    return np.prod([2 * w[:, 2] / (w[:, 2] + np.sqrt(k * k + (1 - k * k) * w[:, 2] ** 2)) for w in (i, o)], axis=0)
+
+
+def _colour(rng, q):
+    """Fresnel colour (N, 3) over q = 1 - cos_theta_d."""
+    first = rng.uniform(0, 1, 3) if rng.random() < 0.6 else np.full(3, rng.uniform(0.02, 1))
+    weight = q[:, None] ** rng.uniform(3, 7)
+    kind = rng.integers(4)
+    if kind == 0:
+        return np.broadcast_to(first, (len(q), 3))
+    if kind == 3:  # hues of a film
+        phase = rng.uniform(0, 2 * np.pi, 3) + rng.uniform(1, 8) * np.sqrt(1 - 0.4 * q * (2 - q))[:, None]
+        first = first * (1 - rng.uniform(0, 0.8) * np.cos(phase))
+    last = np.full(3, rng.uniform(0.3, 1)) if kind == 2 else np.ones(3)
+    return first + (last - first) * weight
+
+
+def warp(wi, wo, seed):
+    """A random smooth positive factor (N, 3), symmetric in wi and wo: what turns a material into one nobody measured.
+
+    exp of a random cosine series in theta_h and theta_d, with a part that follows phi_d, a random power of the cosines, and
+    a gain per channel; for a third of the seeds the channels also vary apart.
+
+    Parameters
+    ----------
+    wi, wo : array (N, 3)
+        Unit vectors above the horizon.
+    seed : int
+
+    Examples
+    --------
+    >>> w = np.array([[0.0, 0.6, 0.8]])
+    >>> warp(w, w, 3).shape
+    (1, 3)
+    """
+    rng = np.random.default_rng(seed)
+    theta_h, _, d = half_difference(wi, wo)
+    u, v = theta_h * 2, np.arccos(np.clip(d[:, 2], -1, 1)) * 2  # 0 to pi
+    # cos 2 phi_d where there is one, fading out where h is the normal or both directions are h
+    along = (d[:, 0] ** 2 - d[:, 1] ** 2) * np.sin(theta_h) ** 2
+
+    def series():
+        amplitude = rng.uniform(0, 0.7)
+        g = 0
+        for i in range(4):
+            for j in range(4):
+                a, b = rng.normal(0, amplitude / (1 + i * i + j * j), 2)
+                g = g + np.cos(i * u) * np.cos(j * v) * (a + 2 * b * along)
+        return g
+
+    g = series() + rng.uniform(-0.4, 0.3) * np.log(np.asarray(wi)[:, 2] * np.asarray(wo)[:, 2])
+    channels = np.tile(g[:, None], 3)
+    if rng.random() < 1 / 3:
+        channels += 0.4 * np.stack([series() for _ in range(3)], 1)
+    return np.exp(channels + rng.normal(0, 0.5) + rng.normal(0, 0.3, 3))

@@ -1,0 +1,211 @@
+"""The models that the accuracy benchmarks hold against each other: one call fits any of them, and remembers the fit.
+
+A fit is kept in a file whose name holds a digest of everything that decides it: the samples, the network's own file,
+the method, the seed. So an interrupted run goes on, and a model that is added later does not refit the others. Code is
+not part of the digest: delete the folder after a change of the fit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
+
+import drjit as dr  # isort: skip
+import mitsuba as mi
+import nbrdf_training
+import numpy as np
+
+from mi_enhance import Material, fit, models, nn, parameters
+from mi_enhance._files import network_file
+from mi_enhance.data import Measurements, nbrdf, nps
+from mi_enhance.data._io import replacing
+
+REFERENCE = "ggx"  # all ratios are to this one
+
+
+class Fitted(NamedTuple):
+    """A model that was fitted to one material."""
+
+    evaluate: Callable  # (wi, wo) -> f_r, arrays (N, 3)
+    seconds: float | None  # of the fit; None where somebody else made it
+    n_parameters: int  # floats that belong to this material alone
+    shared_bytes: int  # of what all materials have in common, as float32
+    multiply_adds: int  # of all networks in one evaluation, after what is constant for a material was folded
+    material: Material | None = None  # where it is one of ours
+
+
+class Rival(NamedTuple):
+    """A model to be fitted."""
+
+    label: str
+    key: list  # what decides the fit besides the samples, as JSON
+    run: Callable  # (measurements, path without suffix of the file to keep) -> Fitted, or None if it has none
+
+    def fit(self, measurements: Measurements, folder: Path) -> Fitted | None:
+        """Fit, or read what an earlier call has left in `folder`."""
+        return self.run(measurements, self.stem(measurements, folder))
+
+    def stem(self, measurements: Measurements, folder: Path) -> Path:
+        """Path without suffix of all files about this model and these samples."""
+        digest = hashlib.sha256(json.dumps(self.key).encode())
+        for a in (measurements.wi, measurements.wo, measurements.f):
+            digest.update(a.tobytes())
+        return Path(folder) / f"{re.sub('[^a-z0-9]+', '_', self.label.lower())}-{digest.hexdigest()[:12]}"
+
+
+def kept(path: Path, compute: Callable) -> dict:
+    """What `compute` returns, from the JSON file `path` if an earlier run has written it."""
+    if not path.exists():
+        result = json.dumps(compute(), indent=1)
+        with replacing(path) as temporary:
+            Path(temporary).write_text(result)
+    return json.loads(path.read_text())
+
+
+def ours(args) -> list[Rival]:
+    """The analytic models and networks that the options of `add_options` ask for, the reference first."""
+    names = [REFERENCE, *(name for name in args.analytic or models.MODELS if name != REFERENCE)]
+    rivals = [
+        Rival(name, ["analytic", name, args.method, args.seed], _run_material(Material.analytic(name), args))
+        for name in names
+    ]
+    shipped = sorted(path.stem for path in network_file("ggx").parent.glob("*.bsdf"))
+    for name in args.network or shipped:
+        path = Path(name) if name.endswith(".bsdf") else network_file(name)
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        run = _run_material(Material.load(path), args)
+        rivals.append(Rival(f"enhanced {path.stem}", ["network", digest, args.method, args.seed], run))
+    if len({r.label for r in rivals}) < len(rivals):
+        raise SystemExit("two networks have the same file name; rename one: the name is their label.")
+    return rivals
+
+
+def add_options(parser) -> None:
+    """Options that all benchmarks over `ours` share."""
+    parser.add_argument("--analytic", action="append", metavar="NAME", help="repeatable (default: every model)")
+    parser.add_argument(
+        "-m", "--network", action="append", help="shipped network or file, repeatable (default: every shipped one)"
+    )
+    parser.add_argument("--method", default="lm", choices=("lm", "rmsprop"))
+    parser.add_argument("--samples", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true", help="print one JSON object last")
+
+
+def nbrdf_trained(seed: int) -> Rival:
+    """NBRDF, trained by us on the samples that the others are fitted to."""
+
+    def run(measurements, stem):
+        path = stem.with_suffix(".npz")
+        if not path.exists():
+            network, seconds = nbrdf_training.train(measurements, seed=seed)
+            arrays = {key: w[None] for key, w in network.items()}  # a file that mi_enhance.data reads
+            with replacing(path) as temporary:
+                np.savez(temporary, names=np.array([measurements.name]), seconds=seconds, **arrays)
+        with np.load(path) as stored:
+            network = {key: stored[key][0] for key in stored if key[0] in "Wb"}
+            return _nbrdf(network, float(stored["seconds"]), measurements.f.max())
+
+    return Rival("NBRDF trained", ["nbrdf trained", nbrdf_training.train.__kwdefaults__, seed], run)
+
+
+def nbrdf_authors(path) -> Rival:
+    """NBRDF as its authors trained it on the whole files, by name of the material."""
+    names, networks = nbrdf.read_networks(path)
+
+    def run(measurements, _):
+        if measurements.name not in names:
+            return None
+        return _nbrdf({key: w[names.index(measurements.name)] for key, w in networks.items()}, None, np.inf)
+
+    return Rival("NBRDF authors", ["nbrdf authors", _digest(path)], run)
+
+
+def nps_authors(path) -> Rival:
+    """NPs: the authors' latents of RGL materials by name, and ``decoder.npz`` beside them."""
+    names, latents = nps.read_latents(path)
+    decoder = nps.read_decoder(Path(path).with_name("decoder.npz"))
+    weights = [decoder[f"W{i}"] for i in range(1, 8)]
+    latent_inputs = latents.shape[1] * weights[0].shape[1]
+
+    def run(measurements, _):
+        if measurements.name not in names:
+            return None
+        latent = latents[names.index(measurements.name)]
+
+        def evaluate(wi, wo):
+            return nps.decode(decoder, latent, wi, wo, with_cosine=True)  # as the authors encoded RGL
+
+        shared = 4 * sum(w.size for w in decoder.values())
+        return Fitted(evaluate, None, len(latent), shared, sum(w.size for w in weights) - latent_inputs)
+
+    return Rival("NPs", ["nps", _digest(path)], run)
+
+
+def _run_material(start: Material, args) -> Callable:
+    def run(measurements, stem):
+        path = stem.with_suffix(".bsdf")
+        if not path.exists():
+            fit(start, measurements, method=args.method, seed=args.seed).save(path)
+        material = Material.load(path)
+        brdf = material.brdf
+        return Fitted(
+            lambda wi, wo: evaluate(material, wi, wo),
+            material.report["seconds"],
+            brdf.n_parameters,
+            4 * brdf.n_weights,
+            multiply_adds(material),
+            material,
+        )
+
+    return run
+
+
+def evaluate(material: Material, wi, wo) -> np.ndarray:
+    """f_r as an array (N, 3), like ``material.evaluate``, whose baked weights take a minute to compile."""
+    evaluators = nn.Trainable(material.brdf.networks)
+    dr.disable_grad(evaluators.weights)
+    wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
+    return np.array(material.brdf(wi, wo, _lanes(material), evaluators)).T
+
+
+def multiply_adds(material: Material) -> int:
+    """Multiply-adds of all networks in one evaluation; an operator that sees colours runs three times."""
+    counts = []
+
+    class Counter(nn.Baked):
+        def __init__(self, mlp):
+            super().__init__(mlp)
+            folded = mlp.n_folded * len(mlp.layers[0][1])
+            self.count = sum(w.size for w, _ in mlp.layers) - folded
+
+        def __call__(self, x, bias):
+            counts.append(self.count)
+            return super().__call__(x, bias)
+
+    up = mi.Vector3f(0, 0, 1)
+    material.brdf(up, up, _lanes(material), material.brdf.evaluators(Counter))
+    return sum(counts)
+
+
+def _lanes(material: Material) -> dict:
+    values = [mi.Float(float(v)) for v in material.vector()]
+    dr.make_opaque(values)
+    return parameters.unflatten(material.brdf.parameters, values)
+
+
+def _nbrdf(network: dict, seconds: float | None, highest: float) -> Fitted:
+    """Values are cut at `highest`, the largest that training has seen: far from its samples a network can overflow."""
+    products = sum(network[name].size for name in ("W1", "W2", "W3"))
+    total = sum(w.size for w in network.values())
+    return Fitted(lambda wi, wo: np.minimum(nbrdf.decode(network, wi, wo), highest), seconds, total, 0, products)
+
+
+def _digest(path) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
