@@ -18,6 +18,9 @@ INPUTS = ("symmetric", "directions")
 # The quantities that depend on the directions; a term that asks for none of them gets a network without directions.
 _DIRECTIONAL = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
 
+# What the inputs of the networks are made of, see _parameter_features and _directional_features.
+_READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}
+
 # Outputs of a network are logarithms of what they stand for, so every term stays positive and a product of terms is
 # a sum that is easy to learn. Four of them in a row (D, F, G, 1/E) reach exp(80) = 5e34, within float32's 3e38.
 _MAX_LOG = 20.0
@@ -125,7 +128,7 @@ class EnhancedBRDF:
 
     def prepare(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """The graph to evaluate, the record to evaluate it on, and the lanes above the horizon; as :meth:`__call__`."""
-        frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+        frame = geometry.frame_of(params)
         local_i, local_o = frame.to_local(wi), frame.to_local(wo)
         active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
         # Inactive lanes run at normal incidence: no inf or NaN arises whose gradient would survive the mask.
@@ -146,7 +149,7 @@ class EnhancedBRDF:
 
         Same arguments as :meth:`__call__`; the operands of an operator are those of the analytic model.
         """
-        frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+        frame = geometry.frame_of(params)
         up = mi.Vector3f(0, 0, 1)
         local_i, local_o = (dr.select(v.z > 0.01, v, up) for v in (frame.to_local(wi), frame.to_local(wo)))
         record = {**geometry.quantities(local_i, local_o), **params}
@@ -264,7 +267,7 @@ def enhance(
     KeyError
         If `replace` names a slot the model does not have; the message lists the slots.
     ValueError
-        For unknown `inputs`.
+        For unknown `inputs`, or if the networks would read parameters that the model does not have.
 
     Examples
     --------
@@ -278,6 +281,12 @@ def enhance(
     replace = set(replace)
     for name in sorted(replace):
         model.graph.find(name)
+    missing = _READ_BY_NETWORKS - {p.name for p in model.parameters}
+    if replace and missing:
+        raise ValueError(
+            f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
+            "Use it as it is, replace=()."
+        )
     rng = np.random.default_rng(seed)
     n_params = parameters.count(model.parameters) + n_latent
     networks = {}

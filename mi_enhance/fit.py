@@ -18,8 +18,6 @@ from .objective import Objective
 
 METHODS = ("lm", "rmsprop")
 
-# Roughness that an analytic fit starts from: the loss has a local minimum for each lobe width it can explain.
-_START_ALPHA = (0.02, 0.06, 0.15, 0.3, 0.5, 0.8)
 _NEAREST = 28  # training materials to start from, besides the analytic fit
 # Samples, parameter sets that go on from the stage before, and most steps: many starts on few samples first. Chosen
 # on the materials that training keeps aside; more of everything lowers the loss by 1 to 2 % at twice the time.
@@ -127,11 +125,9 @@ def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, i
 
 
 def analytic_starts(brdf: EnhancedBRDF) -> np.ndarray:
-    """Parameter vectors, (S, P), that between them lead to the minima of an analytic model: several roughnesses."""
+    """Parameter vectors, (S, P), that between them lead to the minima of an analytic model: the model's starts."""
     values = parameters.initial(brdf.parameters)
-    logs = [p.name for p in brdf.parameters if p.log]
-    rows = [{**values, **{name: np.array([alpha]) for name in logs}} for alpha in _START_ALPHA]
-    return np.array([parameters.flatten(brdf.parameters, row) for row in rows])
+    return np.array([parameters.flatten(brdf.parameters, {**values, **start}) for start in brdf.model.starts])
 
 
 def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:

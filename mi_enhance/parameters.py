@@ -48,6 +48,13 @@ ALPHA_X = Parameter("alpha_x", 1, 1e-4, 1.0, 0.2, log=True)
 ALPHA_Y = Parameter("alpha_y", 1, 1e-4, 1.0, 0.2, log=True)
 F0 = Parameter("F0", 1, 0.0, 1.0, 0.04)
 
+# Those of the ABC model. Ranges: the published fits of the 100 MERL materials (A 0.078 to 5,710, B 11 to 8.1e6, C 0.024
+# to 2.7, index of refraction 1.04 to 100), with room on either side.
+ABC_A = Parameter("A", 3, 1e-3, 1e5, 1.0, log=True)
+ABC_B = Parameter("B", 1, 1.0, 1e8, 100.0, log=True)
+ABC_C = Parameter("C", 1, 0.01, 10.0, 1.0, log=True)
+IOR = Parameter("ior", 1, 1.0, 100.0, 1.5, log=True)
+
 
 def latent(n: int) -> Parameter:
     """The neural parameters: `n` numbers that only networks read, 0.5 at the start (section 4.3).
