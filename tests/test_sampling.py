@@ -149,7 +149,7 @@ def test_lobe_albedo_is_the_albedo_of_the_lobe(llvm, alpha):
 
 
 def weights(name, p, n=20_000, seed=2):
-    """Views down to a cosine of 1e-6, directions drawn for them with the lobe as often as the cosine, and f cos / pdf."""
+    """Views down to a cosine of 1e-6, directions drawn for them (half of them from the lobe), and f cos / pdf."""
     model = models.get(name)
     rng = np.random.default_rng(seed)
     cos, phi = np.geomspace(1e-6, 1, n), rng.uniform(0, 2 * np.pi, n)
