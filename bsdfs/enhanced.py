@@ -21,6 +21,16 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
      (radians), instead of the file's.
    - |exposed|, |differentiable|
 
+ * - A
+   - |spectrum| or |texture|
+   - Height of the highlight of model ``abc``, which has it in place of rho_s, instead of the file's.
+   - |exposed|, |differentiable|
+
+ * - B, C, ior
+   - |float| or |texture|
+   - Shape of the highlight and index of refraction of model ``abc``, instead of the file's.
+   - |exposed|, |differentiable|
+
  * - latent
    - |exposed|, |differentiable|
    - The neural parameters; from the file only.
@@ -57,7 +67,6 @@ import numpy as np
 from mi_enhance import nn, parameters, sampling
 from mi_enhance.material import Material
 
-_COLOURS = ("rho_d", "rho_s")
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
 _RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
 
@@ -79,6 +88,7 @@ class Enhanced(mi.BSDF):
             nn.Cooperative if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else nn.Baked
         )
         self.m_values, self.m_textures = {}, {}
+        self.m_colours = [p.name for p in self.m_brdf.parameters if p.size == 3 and p.name != "latent"]
         for p in self.m_brdf.parameters:
             self._read(props, p)
         self.m_lobe_albedo = mi.Float(self.m_material.lobe_albedo)
@@ -98,14 +108,14 @@ class Enhanced(mi.BSDF):
         value = self.m_material.params[p.name]
         if p.name in props and p.name != "latent":
             given, where = props[p.name], f'bsdf "enhanced" ("{self.id()}")'
-            is_spectrum = p.name in _COLOURS and props.type(p.name) == mi.Properties.Type.Spectrum
+            is_spectrum = p.name in self.m_colours and props.type(p.name) == mi.Properties.Type.Spectrum
             if is_spectrum or isinstance(given, mi.Texture):
                 self.m_textures[p.name] = props.get_unbounded_texture(p.name)
                 return
             try:
                 numbers = np.atleast_1d(np.asarray(given, np.float64)).ravel()
             except (TypeError, ValueError):
-                what = "a colour, spectrum" if p.name in _COLOURS else "a number"
+                what = "a colour, spectrum" if p.name in self.m_colours else "a number"
                 raise TypeError(f"{where}: {p.name} must be {what} or texture; got {given!r}.") from None
             value = parameters.check([p], {p.name: numbers}, where)[p.name]
         self.m_values[p.name] = mi.Color3f(value) if p.size == 3 else mi.Float(value)
@@ -129,7 +139,7 @@ class Enhanced(mi.BSDF):
         dr.make_opaque(self.m_values, self.m_lobe_albedo)
         self.m_spectra = {}
         if mi.is_spectral:
-            self.m_spectra = {name: _upsample(self.m_values[name]) for name in _COLOURS if name in self.m_values}
+            self.m_spectra = {name: _upsample(self.m_values[name]) for name in self.m_colours if name in self.m_values}
         self.m_folded = None
         if not self.m_textures:
             # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
@@ -149,7 +159,7 @@ class Enhanced(mi.BSDF):
         for p in self.m_brdf.parameters:
             if p.name in self.m_textures:
                 texture = self.m_textures[p.name]
-                value = _rgb(texture, si, active) if p.name in _COLOURS else texture.eval_1(si, active)
+                value = _rgb(texture, si, active) if p.name in self.m_colours else texture.eval_1(si, active)
                 # A texture may hold anything: roughness 0 or a negative F0 would give NaN.
                 params[p.name] = dr.clip(value, p.low, p.high)
         folded = self.m_folded
@@ -162,7 +172,7 @@ class Enhanced(mi.BSDF):
         if mi.is_rgb:
             return params
         colours = {}
-        for name in _COLOURS:
+        for name in self.m_colours:
             if name in self.m_textures:
                 colours[name] = self.m_textures[name].eval(si, active)
             elif mi.is_monochromatic:
@@ -184,8 +194,8 @@ class Enhanced(mi.BSDF):
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
     def _pdf(self, si, wo, params, active):
-        share = sampling.specular_share(params, self.m_lobe_albedo)
-        return dr.select(active, sampling.pdf(si.wi, wo, params, share), 0)
+        share = sampling.specular_share(params, self.m_lobe_albedo, self.m_brdf.model)
+        return dr.select(active, sampling.pdf(si.wi, wo, params, share, self.m_brdf.model), 0)
 
     def eval(self, ctx, si, wo, active=True):
         active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
@@ -204,11 +214,11 @@ class Enhanced(mi.BSDF):
     def sample(self, ctx, si, sample1, sample2, active=True):
         active = self._active(ctx, si, active)
         params, folded = self._prepare(si, active)
-        share = sampling.specular_share(params, self.m_lobe_albedo)
+        share = sampling.specular_share(params, self.m_lobe_albedo, self.m_brdf.model)
         bs = mi.BSDFSample3f()
-        bs.wo = sampling.sample(si.wi, params, share, sample1, sample2)
+        bs.wo = sampling.sample(si.wi, params, share, sample1, sample2, self.m_brdf.model)
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
-        bs.pdf = dr.select(active, sampling.pdf(si.wi, bs.wo, params, share), 0)
+        bs.pdf = dr.select(active, sampling.pdf(si.wi, bs.wo, params, share, self.m_brdf.model), 0)
         active &= bs.pdf > 0
         bs.eta = 1
         bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))

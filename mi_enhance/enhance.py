@@ -18,6 +18,9 @@ INPUTS = ("shape", "symmetric", "directions")
 # The quantities that depend on the directions; a term that asks for none of them gets a network without directions.
 _DIRECTIONAL = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
 
+# What the inputs of the networks are made of, see _parameter_features and _directional_features.
+_READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}
+
 # Outputs of a network are logarithms of what they stand for, so every term stays positive and a product of terms is
 # a sum that is easy to learn. Four of them in a row (D, F, G, 1/E) reach exp(80) = 5e34, within float32's 3e38.
 _MAX_LOG = 20.0
@@ -38,10 +41,10 @@ class EnhancedBRDF:
     n_latent : int
         Number of neural parameters per material.
     inputs : {"symmetric", "shape", "directions"}
-        What the networks see. ``"symmetric"``: features of half vector and difference angle in the material's frame, and
-        all analytic parameters. ``"shape"``: the same directions, finer, but of the parameters only those that shape
-        lobes, never a colour or the frame, so an edit of a colour changes nothing else. ``"directions"``: the raw
-        directions and parameters of the paper.
+        What the networks see. ``"symmetric"``: features of half vector and difference angle in the material's frame,
+        and all analytic parameters. ``"shape"``: more of these features, but of the parameters only those that shape
+        lobes, never a colour or the frame, so an edit of a colour changes nothing else; besides, ``asymmetry`` lets
+        networks follow files that are not reciprocal. ``"directions"``: the paper's raw directions and parameters.
     """
 
     model: Model
@@ -51,10 +54,11 @@ class EnhancedBRDF:
 
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
-        """The model's parameters, and ``latent`` if there is a network that reads it."""
+        """The model's parameters, and those that only networks read: ``asymmetry``, ``latent``."""
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
-        extra = (parameters.latent(self.n_latent),) if reads_latent else ()
-        return (*self.model.parameters, *extra)
+        asymmetry = (parameters.ASYMMETRY,) if self.inputs == "shape" and self.networks else ()
+        latent = (parameters.latent(self.n_latent),) if reads_latent else ()
+        return (*self.model.parameters, *asymmetry, *latent)
 
     @property
     def n_weights(self) -> int:
@@ -131,7 +135,7 @@ class EnhancedBRDF:
 
     def prepare(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """The graph to evaluate, the record to evaluate it on, and the lanes above the horizon; as :meth:`__call__`."""
-        frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+        frame = geometry.frame_of(params)
         local_i, local_o = frame.to_local(wi), frame.to_local(wo)
         active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
         # Inactive lanes run at normal incidence: no inf or NaN arises whose gradient would survive the mask.
@@ -152,7 +156,7 @@ class EnhancedBRDF:
 
         Same arguments as :meth:`__call__`; the operands of an operator are those of the analytic model.
         """
-        frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+        frame = geometry.frame_of(params)
         up = mi.Vector3f(0, 0, 1)
         local_i, local_o = (dr.select(v.z > 0.01, v, up) for v in (frame.to_local(wi), frame.to_local(wo)))
         record = {**geometry.quantities(local_i, local_o), **params}
@@ -234,12 +238,13 @@ def _n_parameter_features(model: Model, inputs: str) -> int:
 
 
 def _n_directional_features(model: Model, inputs: str) -> int:
-    return 5 + 2 * len(_lobes([p.name for p in model.parameters])) if inputs == "shape" else 6
+    return 7 + 2 * len(_lobes([p.name for p in model.parameters])) if inputs == "shape" else 6
 
 
 def _directional_features(q: Mapping, inputs: str, wi, wo) -> list:
     """Features of a pair of directions in the material's frame, symmetric in wi and wo: reciprocity for free.
 
+    Measured files are not reciprocal themselves: two features of ``"shape"``, scaled by a parameter, follow them.
     For alpha_x = alpha_y none of them depends on the azimuth of h: such a material is exactly isotropic.
     """
     if inputs == "directions":
@@ -259,6 +264,10 @@ def _directional_features(q: Mapping, inputs: str, wi, wo) -> list:
     if inputs == "shape":
         # sin theta_d: retro-reflection is a cusp at theta_d = 0, where the cosine is flat; 1e-4: a finite slope there
         features.append(dr.sqrt(1 - dr.square(q["cos_theta_d"]) + 1e-4))
+        # What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal.
+        cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
+        features.append(q["asymmetry"] * (cos_i - cos_o))
+        features.append(q["asymmetry"] * dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5)
     return features
 
 
@@ -300,7 +309,7 @@ def enhance(
     KeyError
         If `replace` names a slot the model does not have; the message lists the slots.
     ValueError
-        For unknown `inputs`.
+        For unknown `inputs`, or if the networks would read parameters that the model does not have.
 
     Examples
     --------
@@ -314,6 +323,12 @@ def enhance(
     replace = set(replace)
     for name in sorted(replace):
         model.graph.find(name)
+    missing = _READ_BY_NETWORKS - {p.name for p in model.parameters}
+    if replace and missing and inputs != "shape":
+        raise ValueError(
+            f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
+            'Use inputs="shape", or the model as it is, replace=().'
+        )
     rng = np.random.default_rng(seed)
     n_params, n_directional = _n_parameter_features(model, inputs) + n_latent, _n_directional_features(model, inputs)
     networks = {}

@@ -18,9 +18,6 @@ from .objective import Objective
 
 METHODS = ("lm", "rmsprop")
 
-# Roughness that an analytic fit starts from: the loss has a local minimum for each lobe width it can explain.
-_START_ALPHA = (0.02, 0.06, 0.15, 0.3, 0.5, 0.8)
-_START_PAIRS = ((0.02, 0.1), (0.02, 0.5), (0.06, 0.2), (0.06, 0.6), (0.15, 0.4), (0.3, 0.8), (0.5, 0.15), (0.8, 0.4))
 _NEAREST = 28  # training materials to start from, besides the analytic fit
 # Samples, parameter sets that go on from the stage before, and most steps: many starts on few samples first. Chosen
 # on the materials that training keeps aside; more of everything lowers the loss by 1 to 2 % at twice the time.
@@ -128,17 +125,9 @@ def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, i
 
 
 def analytic_starts(brdf: EnhancedBRDF) -> np.ndarray:
-    """Parameter vectors, (S, P), that between them lead to the minima of an analytic model: several roughnesses."""
+    """Parameter vectors, (S, P), that between them lead to the minima of an analytic model: the model's starts."""
     values = parameters.initial(brdf.parameters)
-    logs = [p.name for p in brdf.parameters if p.log]
-    if "alpha_x2" in logs:
-        rows = [
-            {**values, "alpha_x": a, "alpha_y": a, "alpha_x2": b, "alpha_y2": b, "rho_s": 0.5, "rho_s2": 0.5}
-            for a, b in _START_PAIRS
-        ]
-        return np.array([parameters.flatten(brdf.parameters, row) for row in rows])
-    rows = [{**values, **{name: np.array([alpha]) for name in logs}} for alpha in _START_ALPHA]
-    return np.array([parameters.flatten(brdf.parameters, row) for row in rows])
+    return np.array([parameters.flatten(brdf.parameters, {**values, **start}) for start in brdf.model.starts])
 
 
 def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:

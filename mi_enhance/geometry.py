@@ -11,6 +11,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import drjit as dr
 import mitsuba as mi
 
@@ -43,6 +45,19 @@ def frame(n_x, n_y, t_theta) -> mi.Frame3f:
     b = dr.cross(n, t)
     s, c = dr.sincos(t_theta)
     return mi.Frame3f(c * t + s * b, c * b - s * t, n)
+
+
+def frame_of(params: Mapping) -> mi.Frame3f:
+    """Shading frame of a material given its parameters: that of the surface if the model has none of its own.
+
+    Examples
+    --------
+    >>> frame_of({}).n
+    [[0, 0, 1]]
+    """
+    if "n_x" not in params:
+        return mi.Frame3f(mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0), mi.Vector3f(0, 0, 1))
+    return frame(params["n_x"], params["n_y"], params["t_theta"])
 
 
 def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:

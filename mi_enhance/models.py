@@ -5,16 +5,100 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+
+import drjit as dr
 
 from . import parameters as p
 from . import terms
 from .graph import Node
 
 
+def lobe_of_alpha(params: Mapping) -> tuple:
+    """The GGX lobe of a model that has roughness and specular albedo: (rho_s, alpha_x, alpha_y)."""
+    return params["rho_s"], params["alpha_x"], params["alpha_y"]
+
+
+def lobe_of_abc(params: Mapping) -> tuple:
+    """A GGX lobe for the ABC lobe: as high, and as wide as the mean of two widths.
+
+    Its peak is narrow and its tail wide; the geometric mean of the alpha with the same half width at half maximum and
+    of the alpha with half of the weight inside the same angle halves the noise of the former where tails are wide.
+    """
+    B, C = params["B"], params["C"]
+    # x = 1 - cos(theta_h). Half the maximum: (1 + B x)^-C = 1/2; of GGX: sin^2 (1 - alpha^2) = alpha^2 (sqrt(2) - 1).
+    x = dr.minimum((dr.exp2(dr.rcp(C)) - 1) / B, 1)
+    sin2 = x * (2 - x)
+    peak2 = sin2 / (sin2 + (2**0.5 - 1))
+    # Half the weight: (1 + B x)^(1 - C) halfway between its values at x = 0 and 1; 0 / 0 at C = 1, but not beside it.
+    length = dr.log(1 + B)
+    k = (1 - C) * length
+    k = dr.select(dr.abs(k) < 1e-2, 1e-2, k)
+    x = dr.minimum((dr.exp(dr.log(0.5 * (1 + dr.exp(k))) / k * length) - 1) / B, 1)
+    half2 = x * (2 - x)
+    # 1e-4: where Mitsuba's own microfacet distribution ends
+    alpha = dr.maximum(dr.sqrt(dr.sqrt(peak2 * half2)), 1e-4)
+    return params["A"] * (4 * alpha * alpha), alpha, alpha  # rho_s / (4 pi alpha^2) = A / pi
+
+
+# The loss has a local minimum for each lobe width it can explain: one start for each.
+_ROUGHNESSES = tuple({"alpha_x": alpha, "alpha_y": alpha} for alpha in (0.02, 0.06, 0.15, 0.3, 0.5, 0.8))
+
+
+# Two roughnesses each, at half the initial strength: narrow over wide, and both wide.
+_PAIRS = tuple(
+    {"alpha_x": a, "alpha_y": a, "alpha_x2": b, "alpha_y2": b, "rho_s": 0.5, "rho_s2": 0.5}
+    for a, b in ((0.02, 0.1), (0.02, 0.5), (0.06, 0.2), (0.06, 0.6), (0.15, 0.4), (0.3, 0.8), (0.5, 0.15), (0.8, 0.4))
+)
+
+# Darker and with more Fresnel than the initial values: on MERL a third of the excess over the best of many starts.
+_COOK_TORRANCE_STARTS = tuple(
+    {"alpha_x": alpha, "alpha_y": alpha, "rho_d": 0.1, "rho_s": rho_s, "F0": f0}
+    for alpha, rho_s, f0 in (
+        (0.02, 0.3, 0.2),
+        (0.06, 0.3, 0.2),
+        (0.15, 0.3, 0.2),
+        (0.3, 0.3, 0.2),
+        (0.5, 0.3, 0.2),
+        (0.8, 0.3, 0.2),
+        (0.2, 0.2, 0.7),
+        (0.5, 0.2, 0.7),
+    )
+)
+
+# Matte, satin, glossy, polished, metal, wide tails, cloth: what the published fits of MERL look like.
+_ABC_STARTS = tuple(
+    {"A": a, "B": b, "C": c, "ior": n}
+    for a, b, c, n in (
+        (1.0, 30.0, 1.7, 1.5),
+        (5.0, 300.0, 1.2, 1.5),
+        (50.0, 5e3, 1.2, 1.7),
+        (500.0, 7e4, 1.2, 1.5),
+        (1000.0, 2e5, 1.1, 5.0),
+        (100.0, 1e6, 0.6, 5.0),
+        (0.5, 2e6, 0.12, 2.5),
+    )
+)
+
+
 @dataclasses.dataclass(frozen=True)
 class Model:
     """A graph, the parameters it reads, and where it comes from. Prints as its equation.
+
+    Parameters
+    ----------
+    name : str
+        In files and in :func:`get`.
+    graph : Node
+    parameters : tuple of Parameter
+    source : str
+        Literature.
+    starts : tuple of dict
+        Where an analytic fit starts from, each what differs from the initial values; by default six roughnesses.
+    lobe : callable
+        ``lobe(params) -> rho_s, alpha_x, alpha_y``: the GGX lobe that covers the model's own, for sampling.
+    v_cavity : bool
+        True if the model masks with V-cavities: visible normals are then drawn with theirs instead of Smith's.
 
     Examples
     --------
@@ -28,6 +112,9 @@ class Model:
     graph: Node
     parameters: tuple[p.Parameter, ...]
     source: str
+    starts: tuple[dict[str, float], ...] = _ROUGHNESSES
+    lobe: Callable[[Mapping], tuple] = lobe_of_alpha
+    v_cavity: bool = False
 
     def __str__(self) -> str:
         return str(self.graph)
@@ -57,12 +144,115 @@ def ggx() -> Model:
     )
 
 
+def cook_torrance() -> Model:
+    r"""Cook and Torrance's model: Beckmann's distribution, V-cavities and the exact Fresnel reflectance; 12 parameters.
+
+    .. math::
+        f = \frac{\rho_d}{\pi} + \rho_s \frac{D F G}{\pi \cos\theta_i \cos\theta_o}
+
+    The 1/pi is the original's, kept so that published values of rho_s can be used. With D normalised as it is here the
+    lobe reflects up to 4 rho_s / pi: rho_s = pi / 4 is what rho_s = 1 is to ``ggx``. Anisotropy is the usual extension
+    of D (the original is isotropic).
+
+    Returns
+    -------
+    Model
+
+    References
+    ----------
+    Cook and Torrance 1982, *A Reflectance Model for Computer Graphics*.
+
+    Examples
+    --------
+    >>> print(cook_torrance())
+    M + S * D * F * G * 1/E
+    """
+    m, s, d = Node("M", terms.M_lambert), Node("S", terms.S_constant), Node("D", terms.D_beckmann)
+    f, g = Node("F", terms.F_cook_torrance), Node("G", terms.G_v_cavity)
+    return Model(
+        name="cook_torrance",
+        graph=m + s * (d * (f * (g * Node("1/E", terms.inv_E_pi)))),
+        parameters=(p.N_X, p.N_Y, p.T_THETA, p.RHO_D, p.RHO_S, p.ALPHA_X, p.ALPHA_Y, p.F0),
+        source="Cook and Torrance 1982",
+        starts=_COOK_TORRANCE_STARTS,
+        v_cavity=True,
+    )
+
+
+def ward() -> Model:
+    r"""Ward's anisotropic model, neither Fresnel nor shadowing; 11 parameters.
+
+    .. math::
+        f = \frac{\rho_d}{\pi} + \rho_s \frac{1}{\sqrt{\cos\theta_i \cos\theta_o}}
+            \frac{\exp(-(h_x^2/\alpha_x^2 + h_y^2/\alpha_y^2) / h_z^2)}{4 \pi \alpha_x \alpha_y}
+
+    The original normalisation; the albedo of its lobe grows without bound towards grazing angles, as
+    1 / sqrt(cos_theta_i).
+
+    Returns
+    -------
+    Model
+
+    References
+    ----------
+    Ward 1992, *Measuring and Modeling Anisotropic Reflection*, eq. (5a).
+
+    Examples
+    --------
+    >>> print(ward())
+    M + S * D * 1/E
+    """
+    m, s, d = Node("M", terms.M_lambert), Node("S", terms.S_constant), Node("D", terms.D_ward)
+    return Model(
+        name="ward",
+        graph=m + s * (d * Node("1/E", terms.inv_E_ward)),
+        parameters=(p.N_X, p.N_Y, p.T_THETA, p.RHO_D, p.RHO_S, p.ALPHA_X, p.ALPHA_Y),
+        source="Ward 1992",
+    )
+
+
+def abc() -> Model:
+    r"""The microfacet ABC model: isotropic, for glossy surfaces with wide tails; 9 parameters.
+
+    .. math::
+        f = \frac{\rho_d}{\pi} + A \frac{F G}{\pi \cos\theta_i \cos\theta_o (1 + B (1 - \cos\theta_h))^C}
+
+    A stands in a slot of its own, S, so that what is right of it is a scalar. It is the height of the peak, not an
+    albedo: the energy of the lobe changes with B and C. Published values of rho_d, A, B, C and ior can be used as they
+    are.
+
+    Returns
+    -------
+    Model
+
+    References
+    ----------
+    Low, Kronander, Ynnerman and Unger 2012, *BRDF Models for Accurate and Efficient Rendering of Glossy Surfaces*.
+
+    Examples
+    --------
+    >>> print(abc(), p.count(abc().parameters))
+    M + S * D * F * G * 1/E 9
+    """
+    m, s, d = Node("M", terms.M_lambert), Node("S", terms.S_abc), Node("D", terms.D_abc)
+    f, g = Node("F", terms.F_dielectric), Node("G", terms.G_v_cavity)
+    return Model(
+        name="abc",
+        graph=m + s * (d * (f * (g * Node("1/E", terms.inv_E_pi)))),
+        parameters=(p.RHO_D, p.ABC_A, p.ABC_B, p.ABC_C, p.IOR),
+        source="Low et al. 2012",
+        starts=_ABC_STARTS,
+        lobe=lobe_of_abc,
+        v_cavity=True,
+    )
+
+
 def ggx2() -> Model:
     """Two GGX lobes over a directional diffuse term: 17 parameters, 12 terms, 11 operators.
 
-    What measured materials show beside one GGX is given nodes of its own: a factor B of the diffuse term (retro-reflection,
-    grazing edges; 1 for Lambert) and a second lobe with its own colour and roughness (a coat over paint, flakes, the
-    wide tail of metals, the white of grazing angles). Three colours with three scalar factors span all of RGB.
+    What measured materials show beside one GGX is given nodes of its own: a factor B of the diffuse term (bright edges
+    or retro-reflection; 1 for Lambert) and a second lobe with its own colour and roughness (a coat over paint, flakes,
+    the wide tail of metals, the white of grazing angles). Three colours with three scalar factors span all of RGB.
 
     Returns
     -------
@@ -95,6 +285,7 @@ def ggx2() -> Model:
             *(p.RHO_S2, p.ALPHA_X2, p.ALPHA_Y2),
         ),
         source="Walter et al. 2007, two lobes",
+        starts=_PAIRS,
     )
 
 
@@ -104,7 +295,7 @@ def _second(name: str, term: Callable) -> Node:
     return Node(name, lambda **q: term(**{n: q[own[n]] for n in own}), inputs=tuple(own.values()))
 
 
-MODELS = {"ggx": ggx, "ggx2": ggx2}
+MODELS = {"ggx": ggx, "ggx2": ggx2, "cook_torrance": cook_torrance, "ward": ward, "abc": abc}
 
 
 def get(name: str) -> Model:

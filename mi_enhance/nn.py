@@ -31,8 +31,8 @@ class MLP:
     n_folded : int
         The first `n_folded` inputs are constant over a material and can be folded into a bias.
     modulated : bool
-        The last layer belongs to the material: its weights and biases are an affine function of the folded inputs, whose
-        matrix (out * (hidden + 1), n_folded) and offset stand in its place. Folded, it costs no more than a fixed one.
+        The last layer belongs to the material: its weights and biases are an affine function of the folded inputs,
+        whose matrix (out * (hidden + 1), n_folded) and offset stand in its place. Folded, it costs what a fixed one does.
     """
 
     layers: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -182,7 +182,7 @@ class Baked:
         self._layers = [(w[:, mlp.n_folded :], b), *rest]
 
     def fold(self, features: Sequence) -> list[mi.Float]:
-        """What the inputs that are constant over a material become: first-layer bias, weights of a modulated last layer."""
+        """What the inputs that are constant over a material become: first bias, weights of a modulated last layer."""
         return [v for w, b in self._fold for v in _affine(w, features, b.tolist())]
 
     def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:

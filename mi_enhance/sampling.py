@@ -1,8 +1,8 @@
 """Importance sampling: a mixture of visible GGX normals and the cosine, with its exact density (paper, section 5.2).
 
-The lobe is that of the analytic model with the parameters of the enhanced one. Mitsuba's own microfacet distribution
-draws the normals (Heitz 2018). The cosine is that of the surface, which the integrand has, not that of a tilted normal:
-their ratio has no bound.
+The lobe is what the analytic model says of itself (``Model.lobe``), with the parameters of the enhanced one. Mitsuba's
+own microfacet distribution draws the normals (Heitz 2018); models that mask with V-cavities see theirs. The cosine is
+that of the surface, which the integrand has, not that of a tilted normal: their ratio has no bound.
 """
 
 from __future__ import annotations
@@ -12,34 +12,40 @@ from collections.abc import Mapping
 import drjit as dr
 import mitsuba as mi
 
-from . import geometry, terms
+from . import geometry, models, terms
+from .models import Model
 
 # Neither technique is ever left to chance alone: a share of 5 % bounds the weight of what the other one misses.
 _MIN_SHARE = 0.05
 
+_GGX = models.ggx()
 
-def specular_share(params: Mapping, lobe_albedo) -> mi.Float:
+
+def specular_share(params: Mapping, lobe_albedo, model: Model = _GGX) -> mi.Float:
     """Probability of sampling the lobe: its part of the albedo.
 
     Parameters
     ----------
     params : dict
-        Parameter values, 1 or N lanes; reads ``rho_d`` and ``rho_s``.
+        Parameter values, 1 or N lanes; reads ``rho_d`` and what the model's lobe is made of.
     lobe_albedo : mi.Float or float
         Albedo of the lobe for rho_s = 1, at normal incidence (:func:`lobe_albedo`).
+    model : Model
+        The analytic model.
 
     Returns
     -------
     mi.Float
         In [0.05, 0.95].
     """
-    diffuse, specular = (dr.mean(c) for c in (params["rho_d"], params["rho_s"]))
-    specular = specular * lobe_albedo
+    diffuse, specular = dr.mean(params["rho_d"]), dr.mean(model.lobe(params)[0]) * lobe_albedo
     # 1e-6: a black material samples the cosine
     return dr.clip(specular / (specular + diffuse + 1e-6), _MIN_SHARE, 1 - _MIN_SHARE)
 
 
-def sample(wi: mi.Vector3f, params: Mapping, share, sample1: mi.Float, sample2: mi.Point2f) -> mi.Vector3f:
+def sample(
+    wi: mi.Vector3f, params: Mapping, share, sample1: mi.Float, sample2: mi.Point2f, model: Model = _GGX
+) -> mi.Vector3f:
     """Draw a direction towards the light.
 
     Parameters
@@ -52,42 +58,59 @@ def sample(wi: mi.Vector3f, params: Mapping, share, sample1: mi.Float, sample2: 
         Probability of the lobe, :func:`specular_share`.
     sample1, sample2 : mi.Float, mi.Point2f
         Uniform random numbers in [0, 1).
+    model : Model
+        The analytic model.
 
     Returns
     -------
     mi.Vector3f
         Unit vector; may lie below the horizon, where the BRDF is 0.
+
+    References
+    ----------
+    Heitz and d'Eon 2014, *Importance Sampling Microfacet-Based BSDFs using the Distribution of Visible Normals*: a
+    V-cavity has two sides, n and its mirror image about the normal, seen in proportion to their projected areas.
     """
-    frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+    frame = geometry.frame_of(params)
     local = frame.to_local(wi)
-    normal, _ = _distribution(params).sample(dr.select(local.z > 0, local, mi.Vector3f(0, 0, 1)), sample2)
-    reflected = 2 * dr.dot(local, normal) * mi.Vector3f(normal) - local
+    view = dr.select(local.z > 0, local, mi.Vector3f(0, 0, 1))
+    _, a_x, a_y = model.lobe(params)
+    distribution = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, a_x, a_y, not model.v_cavity)
+    normal = mi.Vector3f(distribution.sample(view, sample2)[0])
+    if model.v_cavity:
+        other = mi.Vector3f(-normal.x, -normal.y, normal.z)
+        seen, hidden = (dr.maximum(dr.dot(view, side), 0) for side in (normal, other))
+        # sample1 / share is uniform in [0, 1) where the lobe is drawn at all
+        normal = dr.select(sample1 * (seen + hidden) < share * seen, normal, other)
+    reflected = 2 * dr.dot(local, normal) * normal - local
     return dr.select(sample1 < share, frame.to_world(reflected), mi.warp.square_to_cosine_hemisphere(sample2))
 
 
-def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, share) -> mi.Float:
+def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, share, model: Model = _GGX) -> mi.Float:
     """Density of :func:`sample` in 1/sr, 0 below either horizon; same arguments.
 
     References
     ----------
     Heitz 2018, *Sampling the GGX Distribution of Visible Normals*, eqs. (3) and (17).
     """
-    frame = geometry.frame(params["n_x"], params["n_y"], params["t_theta"])
+    frame = geometry.frame_of(params)
     local_i, local_o = frame.to_local(wi), frame.to_local(wo)
     active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
     local_i, local_o = (dr.select(active, w, mi.Vector3f(0, 0, 1)) for w in (local_i, local_o))
     h = dr.normalize(local_i + local_o)
     # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to 0
     # or below at grazing angles and would leave a mirror direction without density.
-    a_x, a_y = params["alpha_x"], params["alpha_y"]
-    root = dr.sqrt(dr.square(local_i.z) + dr.square(a_x * local_i.x) + dr.square(a_y * local_i.y))
-    lobe = terms.D_ggx(h, a_x, a_y) / (2 * (local_i.z + root))
+    _, a_x, a_y = model.lobe(params)
+    if model.v_cavity:
+        # G1 = min(1, 2 h.n cos_theta_i / h.wi); h.wi is half the length of wi + wo, 1e-7 keeps it out of 0 / 0
+        h_wi = dr.maximum(dr.norm(local_i + local_o) / 2, 1e-7)
+        visible = dr.minimum(dr.rcp(4 * local_i.z), h.z / (2 * h_wi))
+    else:
+        root = dr.sqrt(dr.square(local_i.z) + dr.square(a_x * local_i.x) + dr.square(a_y * local_i.y))
+        visible = dr.rcp(2 * (local_i.z + root))
+    lobe = terms.D_ggx(h, a_x, a_y) * visible
     cosine = mi.warp.square_to_cosine_hemisphere_pdf(wo)
     return dr.select(active, dr.lerp(cosine, lobe, share), 0)
-
-
-def _distribution(params: Mapping) -> mi.MicrofacetDistribution:
-    return mi.MicrofacetDistribution(mi.MicrofacetType.GGX, params["alpha_x"], params["alpha_y"], True)
 
 
 def lobe_albedo(material, n: int = 4096) -> float:
@@ -116,9 +139,10 @@ def lobe_albedo(material, n: int = 4096) -> float:
     u = [v - dr.floor(v) for v in u]
     wi = mi.Vector3f(0.5, 0, 0.8660254) + dr.zeros(mi.Vector3f, n)
     share = mi.Float(0.5)
-    wo = sample(wi, params, share, u[0], mi.Point2f(u[1], u[2]))
-    p = pdf(wi, wo, params, share)
+    model = material.brdf.model
+    wo = sample(wi, params, share, u[0], mi.Point2f(u[1], u[2]), model)
+    p = pdf(wi, wo, params, share, model)
     f = material.brdf(wi, wo, params)
     total = dr.mean(dr.select(p > 0, dr.mean(f) * wo.z / p, 0))[0]
-    rho_d, rho_s = float(material.params["rho_d"].mean()), float(material.params["rho_s"].mean())
+    rho_d, rho_s = float(material.params["rho_d"].mean()), float(dr.mean(model.lobe(params)[0])[0])
     return max(total - rho_d, 0.0) / max(rho_s, 1e-6)  # 1e-6: without a lobe the number does not matter

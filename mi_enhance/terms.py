@@ -9,6 +9,9 @@ import drjit as dr
 
 from .geometry import MIN_COS
 
+# Smallest squared cosine of a half vector that enters a division: exp(-tan^2) is 0 there for every roughness up to 1.
+_MIN_COS2_H = 1e-8
+
 
 def M_lambert(rho_d):
     r"""Diffuse term, :math:`M = \rho_d / \pi`.
@@ -51,7 +54,7 @@ def B_lambert(cos_theta_i, cos_theta_o):
 
     References
     ----------
-    Lambert 1760, *Photometria*; Oren and Nayar 1994, *Generalization of Lambert's Reflectance Model*, for what it lacks.
+    Lambert 1760, *Photometria*; what it lacks: Oren and Nayar 1994, *Generalization of Lambert's Reflectance Model*.
 
     Examples
     --------
@@ -206,3 +209,296 @@ def inv_E(cos_theta_i, cos_theta_o):
     [0.5]
     """
     return dr.rcp(4 * dr.maximum(cos_theta_i, MIN_COS) * dr.maximum(cos_theta_o, MIN_COS))
+
+
+def inv_E_pi(cos_theta_i, cos_theta_o):
+    r"""Normalisation of Cook and Torrance and of the ABC model, :math:`1/E = 1/(\pi \cos\theta_i \cos\theta_o)`.
+
+    Parameters
+    ----------
+    cos_theta_i, cos_theta_o : mi.Float, N lanes
+        Cosines of viewer and light. Below 1e-4 they count as 1e-4: keeps the value finite at grazing angles.
+
+    Returns
+    -------
+    mi.Float, N lanes
+        At least 1/pi. With a D that integrates to 1 the right factor is 1/4 (:func:`inv_E`): these lobes are 4/pi times
+        as bright for the same specular scale.
+
+    References
+    ----------
+    Cook and Torrance 1982, *A Reflectance Model for Computer Graphics*, the equation of R_s.
+
+    Examples
+    --------
+    >>> inv_E_pi(mi.Float(1), mi.Float(0.5))
+    [0.63662]
+    """
+    return dr.rcp(dr.pi * dr.maximum(cos_theta_i, MIN_COS) * dr.maximum(cos_theta_o, MIN_COS))
+
+
+def inv_E_ward(cos_theta_i, cos_theta_o):
+    r"""Normalisation of Ward's model, :math:`1/E = 1/(4 \sqrt{\cos\theta_i \cos\theta_o})`.
+
+    Parameters
+    ----------
+    cos_theta_i, cos_theta_o : mi.Float, N lanes
+        Cosines of viewer and light. Below 1e-4 they count as 1e-4: keeps the value finite at grazing angles.
+
+    Returns
+    -------
+    mi.Float, N lanes
+        At least 1/4.
+
+    References
+    ----------
+    Ward 1992, *Measuring and Modeling Anisotropic Reflection*, eq. (5a).
+
+    Examples
+    --------
+    >>> inv_E_ward(mi.Float(1), mi.Float(0.25))
+    [0.5]
+    """
+    return 0.25 * dr.rsqrt(dr.maximum(cos_theta_i, MIN_COS) * dr.maximum(cos_theta_o, MIN_COS))
+
+
+def D_ward(h, alpha_x, alpha_y):
+    r"""Ward's anisotropic lobe: a Gaussian of the slopes.
+
+    .. math::
+        D(h) = \frac{1}{\pi \alpha_x \alpha_y} \exp\left( -\frac{h_x^2/\alpha_x^2 + h_y^2/\alpha_y^2}{h_z^2} \right)
+
+    Parameters
+    ----------
+    h : mi.Vector3f, N lanes
+        Half vector, unit length, local frame. h_z^2 below 1e-8 counts as 1e-8: the slope stays finite where wi and wo
+        both graze on the same side (the value is 0 there for any roughness).
+    alpha_x, alpha_y : mi.Float, 1 or N lanes
+        Roughness along t and b, in (0, 1].
+
+    Returns
+    -------
+    mi.Float, N lanes
+        In 1/sr; not a density of normals (its integral against cos_theta_h is below 1), see :func:`D_beckmann`.
+
+    References
+    ----------
+    Ward 1992, *Measuring and Modeling Anisotropic Reflection*, eq. (5a), of which :func:`inv_E_ward` has the rest.
+
+    Examples
+    --------
+    >>> D_ward(mi.Vector3f(0, 0, 1), mi.Float(0.5), mi.Float(0.5))
+    [1.27324]
+    """
+    slope = (dr.square(h.x / alpha_x) + dr.square(h.y / alpha_y)) / dr.maximum(dr.square(h.z), _MIN_COS2_H)
+    return dr.exp(-slope) * dr.rcp(dr.pi * alpha_x * alpha_y)
+
+
+def D_beckmann(h, alpha_x, alpha_y):
+    r"""Anisotropic Beckmann distribution of microfacet normals.
+
+    .. math::
+        D(h) = \frac{1}{\pi \alpha_x \alpha_y h_z^4}
+            \exp\left( -\frac{h_x^2/\alpha_x^2 + h_y^2/\alpha_y^2}{h_z^2} \right)
+
+    Parameters
+    ----------
+    h : mi.Vector3f, N lanes
+        Half vector, unit length, local frame. h_z^2 below 1e-8 counts as 1e-8: no 0 * inf where wi and wo both graze on
+        the same side (the value is 0 there for any roughness).
+    alpha_x, alpha_y : mi.Float, 1 or N lanes
+        Roughness along t and b, in (0, 1].
+
+    Returns
+    -------
+    mi.Float, N lanes
+        Density in 1/sr; integrates to 1 against cos_theta_h over the hemisphere.
+
+    References
+    ----------
+    Walter et al. 2007, *Microfacet Models for Refraction through Rough Surfaces*, eq. (25), with two roughnesses as in
+    Heitz 2014, *Understanding the Masking-Shadowing Function*. Cook and Torrance 1982 have a constant in its place.
+
+    Examples
+    --------
+    >>> D_beckmann(mi.Vector3f(0, 0, 1), mi.Float(0.5), mi.Float(0.5))
+    [1.27324]
+    """
+    # the reciprocal before the square: its derivative stays within float32 for h_z^2 = 1e-8
+    return D_ward(h, alpha_x, alpha_y) * dr.square(dr.rcp(dr.maximum(dr.square(h.z), _MIN_COS2_H)))
+
+
+def S_abc(A):
+    """Height and colour of the ABC model's peak, S = A.
+
+    Parameters
+    ----------
+    A : mi.Color3f
+        Linear RGB, above 0, no unit; published fits reach from 0.08 to 5,710.
+
+    Returns
+    -------
+    mi.Color3f
+        `A` itself.
+
+    References
+    ----------
+    Low et al. 2012, *BRDF Models for Accurate and Efficient Rendering of Glossy Surfaces*: the A of
+    A / (1 + B (1 - cos_theta_h))^C, :func:`D_abc` the rest.
+
+    Examples
+    --------
+    >>> S_abc(mi.Color3f(2))
+    [[2, 2, 2]]
+    """
+    return A
+
+
+def D_abc(h, B, C):
+    r"""The ABC distribution with a peak of 1, :math:`D = 1 / (1 + B (1 - \cos\theta_h))^C`.
+
+    Parameters
+    ----------
+    h : mi.Vector3f, N lanes
+        Half vector, unit length, local frame, above the horizon. 1 - cos(theta_h) is computed as
+        (h_x^2 + h_y^2) / (1 + h_z): the difference itself has an error of 6e-8, half the width of a lobe with B = 1e7.
+    B : mi.Float, 1 or N lanes
+        Inverse width, at least 0; published fits reach from 11 to 8.1e6.
+    C : mi.Float, 1 or N lanes
+        Fall-off of the tail, above 0; published fits reach from 0.024 to 2.7.
+
+    Returns
+    -------
+    mi.Float, N lanes
+        In (0, 1]; not normalised.
+
+    References
+    ----------
+    Low, Kronander, Ynnerman and Unger 2012, *BRDF Models for Accurate and Efficient Rendering of Glossy Surfaces*, the
+    microfacet model.
+
+    Examples
+    --------
+    >>> D_abc(mi.Vector3f(0.6, 0, 0.8), mi.Float(5), mi.Float(2))
+    [0.25]
+    """
+    x = (dr.square(h.x) + dr.square(h.y)) / (1 + h.z)
+    return dr.exp(-C * dr.log(1 + B * x))
+
+
+def F_cook_torrance(cos_theta_d, F0):
+    r"""Exact Fresnel reflectance of a dielectric with reflectance F0 at normal incidence, unpolarised light.
+
+    .. math::
+        F = \frac{1}{2} \frac{(g - c)^2}{(g + c)^2}
+            \left( 1 + \frac{(c (g + c) - 1)^2}{(c (g - c) + 1)^2} \right), \quad
+        g^2 = n^2 + c^2 - 1, \quad c = \cos\theta_d, \quad n = \frac{1 + \sqrt{F_0}}{1 - \sqrt{F_0}}
+
+    Parameters
+    ----------
+    cos_theta_d : mi.Float, N lanes
+        Cosine between the half vector and either direction, in [0, 1]. Below 1e-4 it counts as 1e-4: no 0 / 0 at F0 = 0
+        and F0 = 1.
+    F0 : mi.Float, 1 or N lanes
+        Reflectance at normal incidence, in [0, 1]. Its root is taken of at least 1e-8: finite slope at F0 = 0.
+
+    Returns
+    -------
+    mi.Float, N lanes
+        Reflectance in [0, 1]; 0 for F0 = 0, 1 for F0 = 1.
+
+    References
+    ----------
+    Cook and Torrance 1982, *A Reflectance Model for Computer Graphics*: the Fresnel equation, and the index from the
+    reflectance at normal incidence. Written as in :func:`F_dielectric`.
+
+    Examples
+    --------
+    >>> F_cook_torrance(mi.Float(1), mi.Float(0.04))
+    [0.04]
+    """
+    return F0 * _fresnel_over_F0(cos_theta_d, dr.sqrt(dr.maximum(F0, 1e-8)))
+
+
+def F_dielectric(cos_theta_d, ior):
+    r"""Exact Fresnel reflectance of a dielectric by its index of refraction, unpolarised light.
+
+    .. math::
+        F = \frac{1}{2} \frac{(g - c)^2}{(g + c)^2}
+            \left( 1 + \frac{(c (g + c) - 1)^2}{(c (g - c) + 1)^2} \right), \quad
+        g^2 = n^2 + c^2 - 1, \quad c = \cos\theta_d
+
+    Parameters
+    ----------
+    cos_theta_d : mi.Float, N lanes
+        Cosine between the half vector and either direction, in [0, 1]. Below 1e-4 it counts as 1e-4: no 0 / 0 at n = 1.
+    ior : mi.Float, 1 or N lanes
+        Index of refraction n, at least 1.
+
+    Returns
+    -------
+    mi.Float, N lanes
+        Reflectance in [0, 1]; 0 for n = 1.
+
+    References
+    ----------
+    Walter et al. 2007, *Microfacet Models for Refraction through Rough Surfaces*, eq. (22). Written with
+    s = (n - 1) / (n + 1), the root of F0, so that nothing cancels near n = 1 and nothing overflows for large n.
+
+    Examples
+    --------
+    >>> F_dielectric(mi.Float(1), mi.Float(1.5))
+    [0.04]
+    """
+    s = (ior - 1) / (ior + 1)
+    return dr.square(s) * _fresnel_over_F0(cos_theta_d, s)
+
+
+def _fresnel_over_F0(cos_theta_d, s):
+    """Fresnel reflectance over s^2 = F0: both amplitudes are s times a fraction in which nothing cancels.
+
+    Examples
+    --------
+    >>> _fresnel_over_F0(mi.Float(1), mi.Float(0.2))
+    [1]
+    """
+    c = dr.maximum(cos_theta_d, MIN_COS)
+    near, far = (1 - s) * c, dr.square(1 + s) * c  # n = (1 + s) / (1 - s); everything is multiplied by 1 - s
+    g = dr.sqrt(4 * s + dr.square(near))
+    perpendicular = 4 / dr.square(near + g)
+    parallel = 4 * (2 * dr.square(c) * (1 + dr.square(s)) - dr.square(1 - s)) / dr.square(far + (1 - s) * g)
+    return 0.5 * (dr.square(perpendicular) + dr.square(parallel))
+
+
+def G_v_cavity(cos_theta_h, cos_theta_i, cos_theta_o, cos_theta_d):
+    r"""Shadowing and masking by V-shaped grooves.
+
+    .. math::
+        G = \min\left( 1, \frac{2 \cos\theta_h \cos\theta_i}{\cos\theta_d},
+            \frac{2 \cos\theta_h \cos\theta_o}{\cos\theta_d} \right)
+
+    Parameters
+    ----------
+    cos_theta_h, cos_theta_i, cos_theta_o : mi.Float, N lanes
+        Cosines of half vector, viewer and light; above the horizon.
+    cos_theta_d : mi.Float, N lanes
+        Cosine between the half vector and either direction. Below 1e-7 it counts as 1e-7: no 0 / 0 for directions that
+        oppose each other.
+
+    Returns
+    -------
+    mi.Float, N lanes
+        Visible fraction in [0, 1].
+
+    References
+    ----------
+    Cook and Torrance 1982, *A Reflectance Model for Computer Graphics*, the equation of G, after Torrance and Sparrow
+    1967.
+
+    Examples
+    --------
+    >>> G_v_cavity(mi.Float(0.5), mi.Float(0.5), mi.Float(0.25), mi.Float(1))
+    [0.25]
+    """
+    smaller = dr.minimum(cos_theta_i, cos_theta_o)
+    return dr.minimum(1, 2 * cos_theta_h * smaller / dr.maximum(cos_theta_d, 1e-7))

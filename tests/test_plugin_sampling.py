@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from plugin_scenes import analytic, directions, hit, material, vectors
 
+from mi_enhance.material import Material
+
 SIGNIFICANCE = 0.01  # of all chi-square tests together: the Sidak correction asks the more of each, the more there are
 ROUNDING = 1e-4  # relative: near-mirror densities amplify the rounding of the half vector
 NOISE = 0.01  # of a mean of 3e5 weights
@@ -21,6 +23,18 @@ MATERIALS = {
     "roughest": {"n_x": -0.05, "n_y": 0.1, "alpha_x": 1, "alpha_y": 1},
 }
 ANGLES = (0, 40, 85)  # degrees
+OTHERS = {
+    "cook_torrance": {"n_x": 0.2, "n_y": -0.1, "t_theta": 0.7, "alpha_x": 0.15, "alpha_y": 0.5, "F0": 0.5},
+    "cook_torrance, roughest": {"alpha_x": 1.0, "alpha_y": 1.0, "F0": 1.0},
+    "ward": {"n_x": 0.2, "n_y": -0.1, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.4},
+    "abc": {"A": (5.0, 3.0, 2.0), "B": 200.0, "C": 1.2},
+    "abc, wide tails": {"A": (1.0, 0.5, 0.4), "B": 5e3, "C": 0.5, "ior": 8.0},
+}
+
+
+def other(name, **values):
+    """An analytic material that is not GGX."""
+    return Material.analytic(name.split(",")[0]).edit(**{"rho_d": 0.2, **OTHERS[name], **values})
 
 
 def view(degrees, azimuth=0.5):
@@ -93,6 +107,15 @@ def test_weight_is_eval_over_pdf(llvm, name):
     assert (np.array(bs.eta) == 1).all() and (np.array(bs.sampled_component) == 0).all()
 
 
+@pytest.mark.parametrize("degrees", ANGLES)
+@pytest.mark.parametrize("name", OTHERS)
+def test_samples_of_other_models_follow_the_density(llvm, name, degrees, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # a failing test writes its histograms
+    sample, pdf = mi.chi2.BSDFAdapter("enhanced", other(name).to_dict(), wi=view(degrees))
+    test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, sample_dim=3, sample_count=400_000, ires=8)
+    assert test.run(SIGNIFICANCE, test_count=len(OTHERS) * len(ANGLES), quiet=True), test.messages
+
+
 def albedo_by_sampling(b, wi, n=300_000):
     """The mean weight."""
     u = [mi.Float(v) for v in np.random.default_rng(0).random((3, n)).astype(np.float32)]
@@ -116,6 +139,25 @@ def test_mean_weight_is_the_albedo(llvm, degrees):
     np.testing.assert_allclose(
         albedo_by_sampling(b, view(degrees)), albedo_by_quadrature(b, view(degrees)), rtol=NOISE + QUADRATURE
     )
+
+
+@pytest.mark.parametrize("degrees", (20, 70))
+@pytest.mark.parametrize("name", OTHERS)
+def test_mean_weight_of_other_models_is_the_albedo(llvm, name, degrees):
+    b = other(name).bsdf()
+    np.testing.assert_allclose(
+        albedo_by_sampling(b, view(degrees)), albedo_by_quadrature(b, view(degrees)), rtol=NOISE + QUADRATURE
+    )
+
+
+@pytest.mark.parametrize("alpha", (0.02, 0.3, 1.0))
+@pytest.mark.parametrize("degrees", (0, 60, 85))
+def test_white_furnace_of_cook_torrance_makes_no_energy(llvm, alpha, degrees):
+    """Its 1/pi stands where 1/4 conserves energy: rho_s = pi / 4."""
+    m = other("cook_torrance", n_x=0, n_y=0, alpha_x=alpha, alpha_y=alpha, F0=1.0, rho_d=0.0, rho_s=np.pi / 4)
+    albedo = albedo_by_sampling(m.bsdf(), view(degrees))
+    assert (albedo <= 1 + NOISE).all()
+    assert albedo.min() > {0.02: 0.85, 0.3: 0.6, 1.0: 0.3}[alpha]
 
 
 @pytest.mark.parametrize("alpha", (0.02, 0.3, 1.0))

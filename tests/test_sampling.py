@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import twin
 
-from mi_enhance import sampling
+from mi_enhance import models, sampling
 from mi_enhance.material import Material
 
 QUADRATURE = 2e-3  # of 1e6 midpoints with a horizon cut through them
@@ -132,7 +132,7 @@ def test_weights_are_bounded(llvm, alpha, frame):
     ],
 )
 def test_share_follows_the_albedos_and_never_leaves_a_technique_out(llvm, rho_d, rho_s, lobe, expected):
-    p = {"rho_d": mi.Color3f(rho_d), "rho_s": mi.Color3f(rho_s)}
+    p = {"rho_d": mi.Color3f(rho_d), "rho_s": mi.Color3f(rho_s), "alpha_x": mi.Float(0.1), "alpha_y": mi.Float(0.1)}
     assert sampling.specular_share(p, lobe)[0] == pytest.approx(expected, abs=1e-4)
 
 
@@ -146,3 +146,74 @@ def test_lobe_albedo_is_the_albedo_of_the_lobe(llvm, alpha):
     f = twin.brdf(*pairs, {**material.params, "rho_d": np.zeros(3), "rho_s": np.ones(3)})[:, 0]
     expected = np.sum(f * wo[keep, 2] * weight[keep])
     assert sampling.lobe_albedo(material) == pytest.approx(expected, rel=0.05)  # its purpose asks for no more
+
+
+def weights(name, p, n=20_000, seed=2):
+    """Views down to a cosine of 1e-6, directions drawn for them (half of them from the lobe), and f cos / pdf."""
+    model = models.get(name)
+    rng = np.random.default_rng(seed)
+    cos, phi = np.geomspace(1e-6, 1, n), rng.uniform(0, 2 * np.pi, n)
+    wi = np.stack([np.sqrt(1 - cos**2) * np.cos(phi), np.sqrt(1 - cos**2) * np.sin(phi), cos], 1)
+    u = [mi.Float(v) for v in rng.random((3, n)).astype(np.float32)]
+    share, view = mi.Float(0.5), lanes.vectors(wi)
+    wo = sampling.sample(view, p, share, u[0], mi.Point2f(u[1], u[2]), model)
+    density = np.array(sampling.pdf(view, wo, p, share, model))
+    f = np.array(Material.analytic(name).brdf(view, wo, p)).max(0)
+    assert np.isfinite(density).all() and (density >= 0).all() and np.isfinite(f).all()
+    drawn = density > 0
+    weight = f[drawn] * np.array(wo.z)[drawn] / density[drawn]
+    assert np.isfinite(weight).all() and drawn.mean() > 0.3
+    return wi[drawn], np.array(wo, np.float64).T[drawn], weight
+
+
+@pytest.mark.parametrize("alpha", [(1e-4, 1e-4), (1e-4, 1.0), (0.1, 0.4), (1.0, 1.0)], ids=str)
+@pytest.mark.parametrize("frame", [FLAT, TILTED], ids=["flat", "tilted"])
+@pytest.mark.parametrize("name", ["cook_torrance", "ward"])
+def test_weights_of_gaussian_lobes_are_bounded(llvm, name, alpha, frame):
+    """As for GGX, times exp(-t) (1 + t)^2, at most 4/e, of the two distributions.
+
+    Cook and Torrance's 1/pi adds 4/pi. Ward's root of the cosines adds sqrt(cos_o / cos_i): its albedo grows like that.
+    """
+    wi, wo, weight = weights(name, parameters(alpha, frame))
+    n = twin.frame(*frame)[2]
+    cos_i, cos_o = np.maximum(wi @ n, 1e-7), np.maximum(wo @ n, 1e-7)
+    factor = 4 / np.pi if name == "cook_torrance" else np.sqrt(cos_o / np.maximum(cos_i, 1e-4))
+    assert (weight < 1.01 * 2 * (0.2 + 4 / np.e * factor * np.maximum(wo[:, 2] / cos_o, 1))).all()
+
+
+# Low et al. 2012, as in dj_brdf: the most extreme ones of each parameter, and those with the widest tails.
+PUBLISHED = {
+    "chrome": (987.0, 64661.0, 1.905, 99.9994),
+    "white-fabric2": (0.08, 6166446.0, 0.0235, 2.997),
+    "black-fabric": (3.1, 871445.0, 0.292, 1.057),
+    "aventurnine": (1836.0, 324914.0, 1.11, 1.404),
+    "two-layer-silver": (126.0, 1048835.0, 0.598, 8.718),
+    "gold-metallic-paint2": (205.0, 1705397.0, 0.622, 8.6),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_weights_of_abc_are_bounded(llvm, name):
+    """No lobe of GGX is as wide in its tail: there the cosine bounds the weight, 2 pi f, however grazing the view."""
+    p = {k: mi.Float(v) for k, v in zip(("B", "C", "ior"), PUBLISHED[name][1:], strict=True)}
+    p |= {"rho_d": mi.Color3f(0.2), "A": mi.Color3f(PUBLISHED[name][0])}
+    _, _, weight = weights("abc", p)
+    assert weight.max() < 150 and weight.mean() < 2
+    assert np.quantile(weight, 0.99) < 5
+
+
+@pytest.mark.parametrize("B", [1.0, 300.0, 3e5, 1e8])
+@pytest.mark.parametrize("C", [0.01, 0.5, 1 - 1e-5, 1.0, 2.0, 10.0])
+def test_lobe_of_abc_lies_between_its_two_widths(llvm, B, C):
+    rho_s, alpha, _ = models.lobe_of_abc({"A": mi.Color3f(2), "B": mi.Float(B), "C": mi.Float(C)})
+    alpha = alpha[0]
+    assert 0.999e-4 < alpha <= 1
+    assert np.array(rho_s)[0, 0] == pytest.approx(8 * alpha**2, rel=1e-5)  # as high as A / pi
+    x = np.concatenate([[0], np.geomspace(1e-12, 1, 200_000)])
+    inside = np.cumsum((1 + B * (x[1:] + x[:-1]) / 2) ** -C * np.diff(x))
+    half_weight = x[1:][np.searchsorted(inside, inside[-1] / 2)]
+    half_height = min((2 ** (1 / C) - 1) / B, 1)
+    by_weight = np.sqrt(half_weight * (2 - half_weight))
+    sin2 = half_height * (2 - half_height)
+    by_height = np.sqrt(sin2 / (sin2 + np.sqrt(2) - 1))
+    assert alpha == pytest.approx(max(np.sqrt(by_weight * by_height), 1e-4), rel=0.02)

@@ -1,14 +1,17 @@
-"""GGX's terms: against the twin, the limits of physics, and Mitsuba's own rough conductor."""
+"""The terms: against the twin, the limits of physics, and Mitsuba's own rough conductor."""
 
 from __future__ import annotations
 
+import mi_enhance  # noqa: F401  (before mitsuba)
+
+import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
 import pytest
 import twin
 from lanes import vectors
 
-from mi_enhance import enhance, parameters, terms
+from mi_enhance import enhance, geometry, parameters, terms
 
 ROUNDING = 2e-6  # relative; float32 has 6e-8, a dozen operations and the exponents 4 and 5 multiply it
 # Mitsuba's roughconductor against ours: two float32 codes, each with a half vector of its own (6e-8 / alpha in D).
@@ -38,8 +41,9 @@ def test_D_is_the_twins(llvm, alpha):
     np.testing.assert_allclose(got, expected, rtol=ROUNDING)
 
 
+@pytest.mark.parametrize("D", ["D_ggx", "D_beckmann"])
 @pytest.mark.parametrize("alpha", [(0.05, 0.05), (0.05, 0.5), (0.3, 0.1), (1.0, 1.0)], ids=str)
-def test_D_times_cosine_integrates_to_one(llvm, alpha):
+def test_D_times_cosine_integrates_to_one(llvm, alpha, D):
     """Midpoints in (tan(theta_h) scaled to the lobe, phi_h)."""
     n = 1000
     v, phi = np.meshgrid((np.arange(n) + 0.5) / n, (np.arange(n) + 0.5) / n * 2 * np.pi)
@@ -47,7 +51,7 @@ def test_D_times_cosine_integrates_to_one(llvm, alpha):
     theta = np.arctan(scale * v / (1 - v))
     d_theta = np.cos(theta) ** 2 * scale / (1 - v) ** 2
     h = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
-    d = np.array(terms.D_ggx(vectors(h), mi.Float(alpha[0]), mi.Float(alpha[1])), np.float64).reshape(n, n)
+    d = np.array(getattr(terms, D)(vectors(h), mi.Float(alpha[0]), mi.Float(alpha[1])), np.float64).reshape(n, n)
     integral = np.mean(d * np.cos(theta) * np.sin(theta) * d_theta) * 2 * np.pi
     assert integral == pytest.approx(1, abs=2e-5)  # 1e6 midpoints and float32 directions
 
@@ -120,3 +124,106 @@ def test_analytic_ggx_is_mitsubas_rough_conductor(llvm, alpha):
     assert parameters.count(brdf.parameters) == 12
     assert (expected > 0).all()  # Mitsuba flushed nothing here
     np.testing.assert_allclose(got, expected, rtol=TWO_CODES)
+
+
+def finite_gradients(f, *arguments):
+    """Value of a term, after its derivatives with respect to all arguments have been found finite."""
+    dr.enable_grad(*arguments)
+    value = f(*arguments)
+    dr.backward(value, dr.ADFlag.ClearNone)
+    for a in arguments:
+        assert np.isfinite(np.array(dr.grad(a))).all()
+    return np.array(dr.detach(value), np.float64)
+
+
+def lanes(n, *values):
+    return [mi.Float(np.full(n, v, np.float32)) for v in values]
+
+
+@pytest.mark.parametrize("D", ["D_beckmann", "D_ward"])
+@pytest.mark.parametrize("alpha", ALPHAS, ids=str)
+def test_gaussian_lobes_are_the_twins(llvm, alpha, D):
+    h = np.concatenate([*directions(), [[1, 0, 1e-7], [1, 0, 0]]]).astype(np.float32)
+    a_x, a_y = np.float32(alpha).astype(np.float64)
+    got = finite_gradients(getattr(terms, D), vectors(h), *lanes(len(h), a_x, a_y))
+    with np.errstate(all="ignore"):  # the twin has no floor at h_z = 0
+        expected = np.nan_to_num(getattr(twin, D)(h.astype(np.float64), a_x, a_y))
+    # the exponent's rounding counts in full: 80 times at exp(-80), which is 1e-35, where float32 ends
+    np.testing.assert_allclose(got, expected, rtol=80 * ROUNDING, atol=1e-34 / (a_x * a_y))
+    near = expected > 1e-2 / (np.pi * a_x * a_y)
+    assert near.any()
+    np.testing.assert_allclose(got[near], expected[near], rtol=5 * ROUNDING)
+
+
+@pytest.mark.parametrize("alpha", [(0.1, 0.1), (0.2, 0.6), (1.0, 1.0)], ids=str)
+def test_D_beckmann_is_mitsubas(llvm, alpha):
+    h = np.concatenate(directions())
+    h = h[h[:, 2] > 0.05]
+    expected = np.array(mi.MicrofacetDistribution(mi.MicrofacetType.Beckmann, *alpha).eval(vectors(h)))
+    got = np.array(terms.D_beckmann(vectors(h), mi.Float(alpha[0]), mi.Float(alpha[1])))
+    large = expected > 1e-6  # Mitsuba flushes what is tiny
+    assert large.sum() > 50
+    np.testing.assert_allclose(got[large], expected[large], rtol=20 * ROUNDING)  # exponents up to 20
+
+
+@pytest.mark.parametrize("B, C", [(1, 10), (30, 1.7), (2e5, 1.1), (8e6, 0.024), (1e8, 10)])
+def test_D_abc_is_the_twins(llvm, B, C):
+    """Also in the middle of the narrowest lobe, where 1 - cos(theta_h) itself has no digit left."""
+    theta = np.concatenate([np.geomspace(1e-6, np.pi / 2, 400), [0.0]])
+    h = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], 1).astype(np.float32)
+    got = finite_gradients(terms.D_abc, vectors(h), *lanes(len(h), B, C))
+    expected = twin.D_abc(h.astype(np.float64), np.float64(np.float32(B)), np.float64(np.float32(C)))
+    assert got[-1] == 1 and (np.diff(got[:-1]) <= 0).all()
+    np.testing.assert_allclose(got, expected, rtol=(3 + C * np.log1p(B)) * 1e-6, atol=1e-37)  # the exponent's rounding
+
+
+def test_F_dielectric_is_the_twins_and_mitsubas(llvm):
+    cos = np.concatenate([[0, 1e-6, 1e-4, 1e-3], np.linspace(0.01, 1, 500)]).astype(np.float32)
+    for ior in (1.0, 1.0001, 1.04, 1.5, 3.0, 100.0):
+        got = finite_gradients(terms.F_dielectric, mi.Float(cos), *lanes(len(cos), ior))
+        expected = twin.F_dielectric(cos.astype(np.float64), np.float64(np.float32(ior)))
+        # 2e-13: what is left at Brewster's angle and index 1.0001 of two float64 numbers that cancel
+        np.testing.assert_allclose(got, expected, rtol=10 * ROUNDING, atol=2e-13)
+        assert got.min() >= 0 and got.max() <= 1 + 1e-6
+        if 1.01 < ior < 10:
+            mitsuba = np.array(mi.fresnel(mi.Float(cos[3:]), mi.Float(ior))[0])
+            np.testing.assert_allclose(got[3:], mitsuba, rtol=1e-4, atol=1e-6)  # Mitsuba's differences of equal numbers
+
+
+@pytest.mark.parametrize("F0", [0.0, 1e-10, 1e-4, 0.04, 0.5, 0.99, 1.0])
+def test_F_cook_torrance_is_the_twins_and_has_its_limits(llvm, F0):
+    cos = np.concatenate([[0, 1e-6, 1e-4, 1e-3], np.linspace(0.01, 1, 500)]).astype(np.float32)
+    got = finite_gradients(terms.F_cook_torrance, mi.Float(cos), *lanes(len(cos), F0))
+    expected = twin.F_cook_torrance(cos.astype(np.float64), np.float64(np.float32(F0)))
+    if F0 == 1e-10:  # below the floor of the root: too small at grazing angles
+        assert (got <= expected * (1 + 1e-6)).all()
+    else:
+        np.testing.assert_allclose(got, expected, rtol=20 * ROUNDING, atol=1e-10)
+    assert got[-1] == pytest.approx(F0, rel=1e-6, abs=1e-12) and got.min() >= 0 and got.max() <= 1 + 1e-6
+
+
+def test_G_v_cavity_is_the_twins_and_a_fraction(llvm):
+    wi, wo = directions(seed=1)
+    q = geometry.quantities(vectors(wi), vectors(wo))
+    names = ("cos_theta_h", "cos_theta_i", "cos_theta_o", "cos_theta_d")
+    got = finite_gradients(terms.G_v_cavity, *(mi.Float(q[name]) for name in names))
+    expected = twin.G_v_cavity(*(w.astype(np.float64) for w in (wi, wo, twin.unit(wi.astype(np.float64) + wo))))
+    # directions that nearly oppose each other: h and cos_theta_d keep 6e-8 / 1e-6 of their digits
+    np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=1e-6)
+    assert got.min() >= 0 and got.max() <= 1
+    q = geometry.quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))
+    assert terms.G_v_cavity(*(q[name] for name in names))[0] == 1
+
+
+@pytest.mark.parametrize(
+    "f, expected",
+    [
+        ("inv_E_pi", lambda i, o: 1 / (np.pi * np.maximum(i, 1e-4) * np.maximum(o, 1e-4))),
+        ("inv_E_ward", lambda i, o: 0.25 / np.sqrt(np.maximum(i, 1e-4) * np.maximum(o, 1e-4))),
+    ],
+    ids=["inv_E_pi", "inv_E_ward"],
+)
+def test_other_normalisations_have_a_floor(llvm, f, expected):
+    ci, co = np.geomspace(1e-8, 1, 300).astype(np.float32), np.linspace(0, 1, 300).astype(np.float32)
+    got = finite_gradients(getattr(terms, f), mi.Float(ci), mi.Float(co))
+    np.testing.assert_allclose(got, expected(ci.astype(np.float64), co.astype(np.float64)), rtol=ROUNDING)

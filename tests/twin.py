@@ -59,6 +59,45 @@ def inv_E(cos_theta_i, cos_theta_o):
     return 0.25 / (np.maximum(cos_theta_i, 1e-4) * np.maximum(cos_theta_o, 1e-4))
 
 
+def D_beckmann(h, alpha_x, alpha_y):
+    """Slopes normally distributed with variance alpha^2 / 2, as a density of normals (Heitz 2014, eqs. 78 to 80)."""
+    slope_x, slope_y = h[..., 0] / h[..., 2], h[..., 1] / h[..., 2]
+    normal = lambda v, a: np.exp(-((v / a) ** 2)) / (a * np.sqrt(np.pi))  # noqa: E731
+    return normal(slope_x, alpha_x) * normal(slope_y, alpha_y) / h[..., 2] ** 4
+
+
+def D_ward(h, alpha_x, alpha_y):
+    """Ward 1992, eq. 5a, by delta and phi, with 1 / (4 sqrt(cos cos)) left to 1/E."""
+    theta, phi = np.arctan2(np.hypot(h[..., 0], h[..., 1]), h[..., 2]), np.arctan2(h[..., 1], h[..., 0])
+    exponent = np.tan(theta) ** 2 * (np.cos(phi) ** 2 / alpha_x**2 + np.sin(phi) ** 2 / alpha_y**2)
+    return np.exp(-exponent) / (np.pi * alpha_x * alpha_y)
+
+
+def D_abc(h, B, C):
+    """1 - cos(theta_h) = 2 sin^2(theta_h / 2)."""
+    theta = np.arctan2(np.hypot(h[..., 0], h[..., 1]), h[..., 2])
+    return (1 + 2 * B * np.sin(theta / 2) ** 2) ** -C
+
+
+def F_dielectric(cos_theta_d, ior):
+    """Fresnel's equations with the refracted angle (Snell); cosines below 1e-4 count as 1e-4."""
+    c = np.maximum(cos_theta_d, 1e-4)
+    t = np.sqrt(1 - (1 - c**2) / ior**2)
+    return (((c - ior * t) / (c + ior * t)) ** 2 + ((ior * c - t) / (ior * c + t)) ** 2) / 2
+
+
+def F_cook_torrance(cos_theta_d, F0):
+    """Their index of refraction; F0 = 1 is an index of 2e12."""
+    root = np.sqrt(F0)
+    return F_dielectric(cos_theta_d, (1 + root) / np.maximum(1 - root, 1e-12))
+
+
+def G_v_cavity(wi, wo, h):
+    """Cook and Torrance 1982 by scalar products."""
+    along = np.maximum(np.sum(wi * h, -1), 1e-7)
+    return np.minimum(1, 2 * h[..., 2] / along * np.minimum(wi[..., 2], wo[..., 2]))
+
+
 def mlp(layers, x):
     """(N, in) -> (N, out)."""
     for k, (w, b) in enumerate(layers):
@@ -131,6 +170,46 @@ def brdf(wi, wo, params, networks=None, inputs="symmetric"):
     below_s = operator("D*F", d, operator("F*G", f, operator("G*1/E", g, e)))
     result = np.zeros((n, 3))
     result[up] = operator("M+S", m, operator("S*D", s, below_s))
+    return result
+
+
+def _lobe_cook_torrance(i, o, h, p):
+    d, f = D_beckmann(h, p["alpha_x"], p["alpha_y"]), F_cook_torrance(np.sum(o * h, -1), p["F0"])
+    return p["rho_s"] * (d * f * G_v_cavity(i, o, h) * inv_E(i[:, 2], o[:, 2]) * 4 / np.pi)[:, None]
+
+
+def _lobe_ward(i, o, h, p):
+    d = D_ward(h, p["alpha_x"], p["alpha_y"]) / 4
+    return p["rho_s"] * (d / np.sqrt(np.maximum(i[:, 2], 1e-4) * np.maximum(o[:, 2], 1e-4)))[:, None]
+
+
+def _lobe_abc(i, o, h, p):
+    d, f = D_abc(h, p["B"], p["C"]), F_dielectric(np.sum(o * h, -1), p["ior"])
+    return p["A"] * (d * f * G_v_cavity(i, o, h) * inv_E(i[:, 2], o[:, 2]) * 4 / np.pi)[:, None]
+
+
+LOBES = {"cook_torrance": _lobe_cook_torrance, "ward": _lobe_ward, "abc": _lobe_abc}
+
+
+def analytic(model, wi, wo, params):
+    """f_r (N, 3) of an analytic model by name; a model without n and t has the surface's frame."""
+    if model == "ggx":
+        return brdf(wi, wo, params)
+    wi, wo = np.asarray(wi, np.float64), np.asarray(wo, np.float64)
+    n = len(wi)
+    p = {
+        key: np.broadcast_to(np.atleast_1d(np.asarray(v, np.float64)), (n, np.shape(v)[-1]))
+        for key, v in params.items()
+    }
+    i, o = wi, wo
+    if "n_x" in p:
+        axes = frame(p["n_x"][:, 0], p["n_y"][:, 0], p["t_theta"][:, 0])
+        i, o = np.einsum("nij,nj->ni", axes, wi), np.einsum("nij,nj->ni", axes, wo)
+    up = np.minimum(np.minimum(wi[:, 2], wo[:, 2]), np.minimum(i[:, 2], o[:, 2])) > 0
+    i, o = i[up], o[up]
+    p = {key: v[up, 0] if v.shape[1] == 1 else v[up] for key, v in p.items()}
+    result = np.zeros((n, 3))
+    result[up] = p["rho_d"] / np.pi + LOBES[model](i, o, unit(i + o), p)
     return result
 
 

@@ -1,4 +1,4 @@
-"""Materials that nobody measured, to train on: published forms of every term put together at random, and smooth random factors.
+"""Materials nobody measured, to train on: published forms of every term put together at random, smooth random factors.
 
 What a network learns from them is less what materials are than what directions a factor may depend on, and how.
 """
@@ -16,8 +16,8 @@ def assorted(seed, n_samples=100_000):
     """Draw a material from the many shapes that terms of published models take, and measure it.
 
     One to three lobes over a diffuse term. Each has one of three distributions (generalised Trowbridge-Reitz, hence GGX
-    and its longer and shorter tails; hyper-Cauchy in the slope; exponential in the slope), a Fresnel colour that goes to
-    white, stays, or shifts through a film's hues, one of three geometric factors, and a free power of the cosines.
+    and its longer and shorter tails; hyper-Cauchy in the slope; exponential in the slope), a Fresnel colour that goes
+    to white, stays, or shifts through a film's hues, one of three geometric factors, and a free power of the cosines.
     The diffuse term is Lambert's, brightens at the edges or towards the light. What a network learns here is less what
     materials are than what directions a factor may depend on, and how.
 
@@ -34,8 +34,7 @@ def assorted(seed, n_samples=100_000):
 
     References
     ----------
-    Burley 2012, *Physically Based Shading at Disney*: GTR, retro-reflective diffuse, sheen; Wu et al. 2011 and Bagher et
-    al. 2012 for tails between Beckmann's and GGX's. No Ward, no Beckmann: those test how networks generalise.
+    Burley 2012, *Physically Based Shading at Disney*: GTR, retro-reflective diffuse, sheen; Bagher et al. 2012 for tails between Beckmann's and GGX's. No Ward, no Beckmann: those test how networks generalise.
 
     Examples
     --------
@@ -112,10 +111,11 @@ def _colour(rng, q):
 
 
 def warp(wi, wo, seed):
-    """A random smooth positive factor (N, 3), symmetric in wi and wo: what turns a material into one nobody measured.
+    """A random smooth positive factor (N, 3): what turns a material into one nobody measured.
 
-    exp of a random cosine series in theta_h and theta_d, with a part that follows phi_d, a random power of the cosines, and
-    a gain per channel; for a third of the seeds the channels also vary apart.
+    exp of a random cosine series in theta_h and theta_d, with a part that follows phi_d, a random power of the cosines,
+    and a gain per channel; for a third of the seeds the channels also vary apart. For half of the seeds the factor also
+    tells wi from wo, as measured files do: a series that changes sign with their order.
 
     Parameters
     ----------
@@ -145,6 +145,11 @@ def warp(wi, wo, seed):
         return g
 
     g = series() + rng.uniform(-0.4, 0.3) * np.log(np.asarray(wi)[:, 2] * np.asarray(wo)[:, 2])
+    if rng.random() < 0.5:
+        c_i, c_o = np.asarray(wi, np.float64)[:, 2], np.asarray(wo, np.float64)[:, 2]
+        a = rng.normal(0, rng.uniform(0, 0.3), 4)
+        g = g + a[0] * (c_i - c_o) + a[1] * (c_i**2 - c_o**2) + a[2] / 3 * np.log((c_i + 0.01) / (c_o + 0.01))
+        g = g + a[3] * (np.cos(3 * np.arccos(np.minimum(c_i, 1))) - np.cos(3 * np.arccos(np.minimum(c_o, 1))))
     channels = np.tile(g[:, None], 3)
     if rng.random() < 1 / 3:
         channels += 0.4 * np.stack([series() for _ in range(3)], 1)

@@ -87,7 +87,7 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
     ValueError
         For an unknown ``kind``; the message lists the choices.
     """
-    key = json.dumps([2, sources, n_samples, seed], sort_keys=True)
+    key = json.dumps([3, sources, n_samples, seed], sort_keys=True)
     file = Path(cache) / f"training-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
     if file.exists():
         with np.load(file, allow_pickle=False) as stored:

@@ -1,0 +1,273 @@
+"""Every registered model: values and gradients against the twin, reciprocity, fits, files and renders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import lanes
+
+import mi_enhance  # noqa: F401  (before mitsuba)
+
+import drjit as dr  # isort: skip
+import mitsuba as mi
+import numpy as np
+import pytest
+import twin
+from plugin_scenes import ball
+
+from mi_enhance import data, enhance, models, parameters
+from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.fit import fit, objective
+from mi_enhance.material import Material
+
+ROOT = Path(__file__).parent.parent
+
+# Relative: 6e-8 in h is 1e-4 in a Gaussian of 20 roughnesses, and in (1 - cos_theta_h)^C where that is 1e-5.
+VALUE = 2e-4
+DARK = 1e-9  # absolute: what such a Gaussian is there
+ROUNDING = 1e-5  # two orders of the same float32 operations
+GRADIENT = 1e-3  # of the largest: derivatives of those exponents
+RECOVERED = 1e-3  # log-L1 of a fit to samples of the model itself
+
+NAMES = sorted(models.MODELS)
+EQUATIONS = {
+    "ggx": "M + S * D * F * G * 1/E",
+    "cook_torrance": "M + S * D * F * G * 1/E",
+    "ward": "M + S * D * 1/E",
+    "abc": "M + S * D * F * G * 1/E",
+}
+# Narrower than what is allowed, where float32 directions still say something of the lobe.
+USUAL = {
+    "n_x": (-0.2, 0.2), "n_y": (-0.2, 0.2), "rho_s": (0, 4), "alpha_x": (0.05, 1), "alpha_y": (0.05, 1),
+    "A": (0.1, 100), "B": (3, 1e5), "C": (0.1, 3), "ior": (1.05, 20),
+}  # fmt: skip
+
+
+def materials(model, n, seed=0, usual=USUAL):
+    """n random materials, (n, size) each, as float32 holds them."""
+    rng = np.random.default_rng(seed)
+    result = {}
+    for p in model.parameters:
+        low, high = usual.get(p.name, (p.low, p.high))
+        to, back = (np.log, np.exp) if p.log else (np.array, np.array)
+        result[p.name] = back(rng.uniform(to(low), to(high), (n, p.size)))
+    return {name: v.astype(np.float32).astype(np.float64) for name, v in result.items()}
+
+
+def pairs(n, seed=1):
+    """Random, mirrored, and grazing down to a cosine of 1e-4."""
+    wi, wo = twin.pairs(n, seed)
+    wo[::3] = wi[::3] * [-1, -1, 1]
+    for w, k in ((wi, 1), (wo, 2)):
+        w[k::3, 2] = np.geomspace(1e-4, 1, len(w[k::3]))
+    return tuple(twin.unit(w).astype(np.float32) for w in (wi, wo))
+
+
+def given(p, row=0):
+    return {name: v[row] for name, v in p.items()}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_prints_its_equation_and_names_what_it_reads(name):
+    model = models.get(name)
+    assert str(model) == EQUATIONS[name] and model.name == name
+    directions = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
+    read = {i for node in model.graph.walk() for i in node.inputs} - directions
+    assert read == {p.name for p in model.parameters} - {"n_x", "n_y", "t_theta"}
+    assert {p.name for p in model.parameters} >= {"rho_d"}  # what sampling and editing rely on
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_starts_are_within_the_ranges(name):
+    model = models.get(name)
+    assert 1 <= len(model.starts) <= 8
+    for start in model.starts:
+        parameters.check(model.parameters, {**parameters.initial(model.parameters), **start}, name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_values_are_the_twins(llvm, name):
+    brdf = enhance(name, ())
+    p = materials(brdf.model, 6000)
+    p["rho_d"][::2] = 0  # the lobe alone
+    wi, wo = twin.pairs(6000, seed=1)
+    got = lanes.evaluate(brdf, wi, wo, p)
+    assert (got > DARK).mean() > 0.6
+    np.testing.assert_allclose(got, twin.analytic(name, wi, wo, p), rtol=VALUE, atol=DARK)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_values_at_extreme_angles_are_the_twins(llvm, name):
+    """Wide lobes, whose value at a grazing or mirrored pair does not hang on the last bit of h."""
+    brdf = enhance(name, ())
+    frame = {"n_x": (0, 0), "n_y": (0, 0)}  # a tilt moves a cosine of 1e-4 by the rounding of the frame
+    p = materials(brdf.model, 6000, usual={**USUAL, **frame, "alpha_x": (0.3, 1), "alpha_y": (0.3, 1), "B": (1, 100)})
+    wi, wo = pairs(6000)
+    # 1e-3: a cosine of 1e-4 that passed through a frame has lost three of its digits
+    np.testing.assert_allclose(lanes.evaluate(brdf, wi, wo, p), twin.analytic(name, wi, wo, p), rtol=1e-3, atol=DARK)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_directions_may_be_exchanged(llvm, name):
+    brdf = enhance(name, ())
+    p = materials(brdf.model, 3000, usual={})
+    wi, wo = pairs(3000)
+    a, b = lanes.evaluate(brdf, wi, wo, p), lanes.evaluate(brdf, wo, wi, p)
+    np.testing.assert_allclose(a, b, rtol=ROUNDING)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_of_every_parameter_is_the_twins(llvm, name):
+    """Of the loss's log(1 + f cos), each lane a material of its own."""
+    brdf, n = enhance(name, ()), 1500
+    usual = {**USUAL, "alpha_x": (0.1, 1), "alpha_y": (0.1, 1), "F0": (0.01, 0.95), "B": (3, 1e3)}
+    p = materials(brdf.model, n, seed=2, usual=usual)
+    wi, wo = twin.pairs(n, seed=3, min_cos=0.1)
+    values = lanes.parameters(p)
+    dr.enable_grad(values)
+    f = brdf(lanes.vectors(wi), lanes.vectors(wo), values)
+    z = mi.Float(np.ascontiguousarray(wo[:, 2]))
+    dr.backward(sum(dr.log(1 + c * z) * weight for c, weight in zip(f, (1, 2, 3), strict=True)))
+
+    def loss(values):
+        return np.log1p(twin.analytic(name, wi, wo, values) * wo[:, 2:].astype(np.float64)) @ [1, 2, 3]
+
+    for q in brdf.parameters:
+        got = np.array(dr.grad(values[q.name]), np.float64).reshape(q.size, n)
+        for k in range(q.size):
+            step = np.zeros_like(p[q.name])
+            step[:, k] = 1e-6 * np.maximum(np.abs(p[q.name][:, k]), 1e-2)
+            sides = [loss({**p, q.name: p[q.name] + sign * step}) for sign in (1, -1)]
+            expected = (sides[0] - sides[1]) / (2 * step[:, k])
+            # n_x and n_y move pairs over the horizon and over the edge of G: a step, for a lane or two
+            wrong = np.abs(got[k] - expected) > GRADIENT * (np.abs(expected) + np.abs(expected).mean())
+            assert wrong.sum() <= (3 if q.name in ("n_x", "n_y") else 0), (q.name, k, wrong.sum())
+            assert np.abs(expected).max() > 1e-3  # it does matter
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_corners_of_the_ranges_stay_finite_with_their_gradients(llvm, name):
+    brdf, n = enhance(name, ()), 6000
+    rng = np.random.default_rng(4)
+    middle = lambda q: np.sqrt(q.low * q.high) if q.log else (q.low + q.high) / 2  # noqa: E731
+    p = {q.name: rng.choice([q.low, middle(q), q.high], (n, q.size)) for q in brdf.parameters}
+    wi, wo = pairs(n, seed=5)
+    wi[1::9, 2] *= 1e-3
+    wo[::7], wo[::11] = wi[::7], -wi[::11]
+    values = lanes.parameters(p)
+    dr.enable_grad(values)
+    f = brdf(lanes.vectors(wi), lanes.vectors(wo), values)
+    z = mi.Float(np.ascontiguousarray(wo[:, 2]))
+    dr.backward(sum(dr.log(1 + c * z) for c in f))
+    gradients = {key: dr.grad(v) for key, v in values.items()}
+    dr.eval(gradients)
+    got = np.array(f)
+    assert np.isfinite(got).all() and got.min() >= 0 and got.max() > 1
+    for key, v in gradients.items():
+        assert np.isfinite(np.array(v)).all(), key
+
+
+# --- fits -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", NAMES)
+def test_fit_recovers_samples_of_the_model_itself(llvm, name, seed):
+    model = models.get(name)
+    flat = {"n_x": (-0.05, 0.05), "n_y": (-0.05, 0.05), "rho_d": (0, 0.5), "rho_s": (0.1, 2), "C": (0.5, 2)}
+    truth = given(materials(model, 1, seed + 20, {**USUAL, **flat}))
+    wi, wo = sample_pairs(3000, seed=seed, min_cos=0.05)
+    m = data.Measurements(wi, wo, twin.analytic(name, wi, wo, truth))
+    fitted = fit(Material.analytic(name), m)
+    assert fitted.report["log_l1"] < RECOVERED
+    assert fitted.report["model"] == EQUATIONS[name] and np.isfinite(fitted.lobe_albedo)
+
+
+PUBLISHED = {  # Low et al. 2012, as in dj_brdf (public domain): rho_d, A, B, C, ior
+    "aventurnine": ((0.052933, 0.060724, 0.052465), (1835.5913, 1594.7158, 1585.084), 324913.375, 1.110341, 1.403899),
+    "black-oxidized-steel": (
+        (0.012978, 0.011743, 0.011219),
+        (1.100971, 1.057305, 1.015528),
+        30.661,
+        1.869546,
+        1.660413,
+    ),
+    "chrome": ((0.002692, 0.00252, 0.003088), (986.846741, 771.035522, 696.134583), 64661.258, 1.90542, 99.999413),
+    "red-fabric2": ((0.116616, 0.012705, 0.002205), (0.586502, 0.141217, 0.134042), 8092575.0, 0.084146, 1.976978),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_abc_fits_measured_materials_at_least_as_well_as_published(llvm, name):
+    m = data.load(ROOT / "data/nps/merl.npz", material=name, n_samples=4000)
+    material = Material.analytic("abc")
+    published = material.edit(**dict(zip(("rho_d", "A", "B", "C", "ior"), PUBLISHED[name], strict=True)))
+    problem = objective(material.brdf, m)
+    loss = problem.loss(problem.space.to(published.vector())[None])[0]
+    assert fit(material, m).report["log_l1"] <= loss
+
+
+# --- files and renders ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_file_brings_the_material_back(llvm, tmp_path, name):
+    old = Material(enhance(name, ()), given(materials(models.get(name), 1, seed=6)))
+    old.save(tmp_path / "m.bsdf")
+    new = Material.load(tmp_path / "m.bsdf")
+    assert new.brdf.model.name == name
+    np.testing.assert_array_equal(new.vector(), old.vector())
+    wi, wo = twin.pairs(100, seed=7)
+    np.testing.assert_array_equal(new.evaluate(wi, wo), old.evaluate(wi, wo))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_renders_with_finite_gradients(llvm, name):
+    material = Material(
+        enhance(name, ()), given(materials(models.get(name), 1, seed=8, usual={**USUAL, "B": (3, 100)}))
+    )
+    s = ball({**material.to_dict(), "id": "m"}, integrator={"type": "prb", "max_depth": 3})
+    p = mi.traverse(s)
+    keys = [k for k in p.keys() if k.rsplit(".", 1)[-1] in material.params]
+    assert len(keys) == len(material.params)
+    for key in keys:
+        dr.enable_grad(p[key])
+    p.update()
+    image = mi.render(s, p, spp=16)
+    assert np.isfinite(np.array(image)).all() and np.array(image).max() > 0.01
+    dr.backward(dr.mean(dr.square(image), axis=None))
+    for key in keys:
+        gradient = np.array(dr.grad(p[key]))
+        assert np.isfinite(gradient).all() and np.abs(gradient).max() > 0, key
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_spectral", "llvm_ad_mono"])
+def test_colour_of_the_abc_lobe_is_one_in_every_variant(llvm, variant):
+    """Above 1, where a reflectance could not be upsampled as it is; under white light."""
+    if variant not in mi.variants():
+        pytest.skip(f"{variant} is not part of this Mitsuba")
+    given = Material.analytic("abc").edit(A=(30.0, 10.0, 5.0), B=300.0, rho_d=0.1).to_dict()
+    images = []
+    for name in ("llvm_ad_rgb", variant):
+        mi.set_variant(name)
+        image = np.array(mi.render(ball(given, emitter={"type": "constant"}), spp=256))
+        images.append(image if image.shape[-1] == 1 else image @ np.array([[0.2126], [0.7152], [0.0722]]))
+    ball_only = (slice(5, 11), slice(5, 11))
+    np.testing.assert_allclose(images[1][ball_only].mean(), images[0][ball_only].mean(), rtol=0.05)  # noise, spectra
+
+
+@pytest.mark.parametrize("name, missing", [("ward", "F0"), ("abc", "F0, alpha_x, alpha_y, rho_s")])
+def test_networks_that_would_read_what_is_not_there_are_refused(name, missing):
+    with pytest.raises(
+        ValueError, match=rf'networks read {missing}, which model "{name}" does not have. Use it as it is'
+    ):
+        enhance(name, ["1/E"])
+
+
+def test_networks_of_cook_torrance_are_those_of_ggx(llvm):
+    """The same 12 parameters, so the same inputs."""
+    brdf = enhance("cook_torrance", ["F", "G"], hidden=(4,))
+    assert str(brdf) == "M + S * D * [F] * [G] * 1/E" and brdf.n_parameters == 39
+    wi, wo = twin.pairs(100)
+    p = {**materials(brdf.model, 100), "latent": np.full((100, 27), 0.5)}
+    assert np.isfinite(lanes.evaluate(brdf, wi, wo, p)).all()
