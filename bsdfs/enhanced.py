@@ -194,8 +194,8 @@ class Enhanced(mi.BSDF):
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
     def _pdf(self, si, wo, params, active):
-        share = sampling.specular_share(params, self.m_lobe_albedo, self.m_brdf.model)
-        return dr.select(active, sampling.pdf(si.wi, wo, params, share, self.m_brdf.model), 0)
+        shares = sampling.shares(params, self.m_lobe_albedo, self.m_brdf.model)
+        return dr.select(active, sampling.pdf(si.wi, wo, params, shares, self.m_brdf.model), 0)
 
     def eval(self, ctx, si, wo, active=True):
         active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
@@ -214,11 +214,11 @@ class Enhanced(mi.BSDF):
     def sample(self, ctx, si, sample1, sample2, active=True):
         active = self._active(ctx, si, active)
         params, folded = self._prepare(si, active)
-        share = sampling.specular_share(params, self.m_lobe_albedo, self.m_brdf.model)
+        shares = sampling.shares(params, self.m_lobe_albedo, self.m_brdf.model)
         bs = mi.BSDFSample3f()
-        bs.wo = sampling.sample(si.wi, params, share, sample1, sample2, self.m_brdf.model)
+        bs.wo = sampling.sample(si.wi, params, shares, sample1, sample2, self.m_brdf.model)
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
-        bs.pdf = dr.select(active, sampling.pdf(si.wi, bs.wo, params, share, self.m_brdf.model), 0)
+        bs.pdf = dr.select(active, sampling.pdf(si.wi, bs.wo, params, shares, self.m_brdf.model), 0)
         active &= bs.pdf > 0
         bs.eta = 1
         bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))

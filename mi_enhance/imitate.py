@@ -51,12 +51,13 @@ def imitate(
 
 
 def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Random parameter vectors, (P, n): uniform (log-uniform where optimised so) in the range, or around the start."""
+    """Random parameter vectors, (P, n): uniform (log-uniform where optimised so); neural ones as they start."""
     rows = []
     for p in space:
         for _ in range(p.size):
-            if p.name == "latent":
-                row = rng.normal(p.initial, 0.5, n)
+            if p.name in ("latent", "asymmetry"):
+                # Not what a network learns to ignore: its random response is where the numbers of materials part.
+                row = np.full(n, p.initial)
             elif p.log:
                 row = np.exp(rng.uniform(np.log(max(p.low, 3e-3)), np.log(p.high), n))
             else:

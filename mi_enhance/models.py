@@ -14,12 +14,14 @@ from . import terms
 from .graph import Node
 
 
-def lobe_of_alpha(params: Mapping) -> tuple:
-    """The GGX lobe of a model that has roughness and specular albedo: (rho_s, alpha_x, alpha_y)."""
-    return params["rho_s"], params["alpha_x"], params["alpha_y"]
+def lobes_of_alpha(params: Mapping) -> list[tuple]:
+    """The GGX lobes of a model that has roughness and specular albedo: (rho_s, alpha_x, alpha_y) of each."""
+    return [
+        tuple(params[f"{k}{n}"] for k in ("rho_s", "alpha_x", "alpha_y")) for n in ("", "2") if f"rho_s{n}" in params
+    ]
 
 
-def lobe_of_abc(params: Mapping) -> tuple:
+def lobes_of_abc(params: Mapping) -> list[tuple]:
     """A GGX lobe for the ABC lobe: as high, and as wide as the mean of two widths.
 
     Its peak is narrow and its tail wide; the geometric mean of the alpha with the same half width at half maximum and
@@ -38,7 +40,7 @@ def lobe_of_abc(params: Mapping) -> tuple:
     half2 = x * (2 - x)
     # 1e-4: where Mitsuba's own microfacet distribution ends
     alpha = dr.maximum(dr.sqrt(dr.sqrt(peak2 * half2)), 1e-4)
-    return params["A"] * (4 * alpha * alpha), alpha, alpha  # rho_s / (4 pi alpha^2) = A / pi
+    return [(params["A"] * (4 * alpha * alpha), alpha, alpha)]  # rho_s / (4 pi alpha^2) = A / pi
 
 
 # The loss has a local minimum for each lobe width it can explain: one start for each.
@@ -95,8 +97,8 @@ class Model:
         Literature.
     starts : tuple of dict
         Where an analytic fit starts from, each what differs from the initial values; by default six roughnesses.
-    lobe : callable
-        ``lobe(params) -> rho_s, alpha_x, alpha_y``: the GGX lobe that covers the model's own, for sampling.
+    lobes : callable
+        ``lobes(params) -> [(rho_s, alpha_x, alpha_y), ...]``: GGX lobes that cover the model's own, for sampling.
     v_cavity : bool
         True if the model masks with V-cavities: visible normals are then drawn with theirs instead of Smith's.
 
@@ -113,7 +115,7 @@ class Model:
     parameters: tuple[p.Parameter, ...]
     source: str
     starts: tuple[dict[str, float], ...] = _ROUGHNESSES
-    lobe: Callable[[Mapping], tuple] = lobe_of_alpha
+    lobes: Callable[[Mapping], list[tuple]] = lobes_of_alpha
     v_cavity: bool = False
 
     def __str__(self) -> str:
@@ -242,7 +244,7 @@ def abc() -> Model:
         parameters=(p.RHO_D, p.ABC_A, p.ABC_B, p.ABC_C, p.IOR),
         source="Low et al. 2012",
         starts=_ABC_STARTS,
-        lobe=lobe_of_abc,
+        lobes=lobes_of_abc,
         v_cavity=True,
     )
 

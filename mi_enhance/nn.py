@@ -32,7 +32,7 @@ class MLP:
         The first `n_folded` inputs are constant over a material and can be folded into a bias.
     modulated : bool
         The last layer belongs to the material: its weights and biases are an affine function of the folded inputs,
-        whose matrix (out * (hidden + 1), n_folded) and offset stand in its place. Folded, it costs what a fixed one does.
+        whose matrix (out * (hidden + 1), n_folded) and offset stand in its place. Folded, it is a last layer like any.
     """
 
     layers: tuple[tuple[np.ndarray, np.ndarray], ...]

@@ -1,8 +1,8 @@
 """Importance sampling: a mixture of visible GGX normals and the cosine, with its exact density (paper, section 5.2).
 
-The lobe is what the analytic model says of itself (``Model.lobe``), with the parameters of the enhanced one. Mitsuba's
-own microfacet distribution draws the normals (Heitz 2018); models that mask with V-cavities see theirs. The cosine is
-that of the surface, which the integrand has, not that of a tilted normal: their ratio has no bound.
+The lobes are what the analytic model says of itself (``Model.lobes``), with the parameters of the enhanced one.
+Mitsuba's own microfacet distribution draws the normals (Heitz 2018); models that mask with V-cavities see theirs. The
+cosine is that of the surface, which the integrand has, not that of a tilted normal: their ratio has no bound.
 """
 
 from __future__ import annotations
@@ -21,30 +21,35 @@ _MIN_SHARE = 0.05
 _GGX = models.ggx()
 
 
-def specular_share(params: Mapping, lobe_albedo, model: Model = _GGX) -> mi.Float:
-    """Probability of sampling the lobe: its part of the albedo.
+def shares(params: Mapping, lobe_albedo, model: Model = _GGX) -> list[mi.Float]:
+    """Probability of sampling each lobe: its part of the albedo; the cosine has the rest.
 
     Parameters
     ----------
     params : dict
-        Parameter values, 1 or N lanes; reads ``rho_d`` and what the model's lobe is made of.
+        Parameter values, 1 or N lanes; reads ``rho_d`` and what the model's lobes are made of.
     lobe_albedo : mi.Float or float
-        Albedo of the lobe for rho_s = 1, at normal incidence (:func:`lobe_albedo`).
+        Albedo of all lobes for rho_s = 1, at normal incidence (:func:`lobe_albedo`).
     model : Model
         The analytic model.
 
     Returns
     -------
-    mi.Float
-        In [0.05, 0.95].
+    list of mi.Float
+        At least 0.05 each, 0.95 together.
     """
-    diffuse, specular = dr.mean(params["rho_d"]), dr.mean(model.lobe(params)[0]) * lobe_albedo
-    # 1e-6: a black material samples the cosine
-    return dr.clip(specular / (specular + diffuse + 1e-6), _MIN_SHARE, 1 - _MIN_SHARE)
+    strengths = [dr.mean(rho_s) for rho_s, *_ in model.lobes(params)]
+    specular = sum(strengths) * lobe_albedo
+    # 1e-6: a black material samples the cosine, one without any lobe all of them alike
+    total = dr.clip(
+        specular / (specular + dr.mean(params["rho_d"]) + 1e-6), _MIN_SHARE * len(strengths), 1 - _MIN_SHARE
+    )
+    free = total - _MIN_SHARE * len(strengths)
+    return [_MIN_SHARE + free * (s + 1e-6) / (sum(strengths) + 1e-6 * len(strengths)) for s in strengths]
 
 
 def sample(
-    wi: mi.Vector3f, params: Mapping, share, sample1: mi.Float, sample2: mi.Point2f, model: Model = _GGX
+    wi: mi.Vector3f, params: Mapping, shares, sample1: mi.Float, sample2: mi.Point2f, model: Model = _GGX
 ) -> mi.Vector3f:
     """Draw a direction towards the light.
 
@@ -54,8 +59,8 @@ def sample(
         Direction towards the viewer, surface frame, above the horizon.
     params : dict
         Parameter values; reads the frame and the roughness.
-    share : mi.Float
-        Probability of the lobe, :func:`specular_share`.
+    shares : list of mi.Float
+        Probability of each lobe, :func:`shares`.
     sample1, sample2 : mi.Float, mi.Point2f
         Uniform random numbers in [0, 1).
     model : Model
@@ -74,19 +79,28 @@ def sample(
     frame = geometry.frame_of(params)
     local = frame.to_local(wi)
     view = dr.select(local.z > 0, local, mi.Vector3f(0, 0, 1))
-    _, a_x, a_y = model.lobe(params)
+    lobes = model.lobes(params)
+    # One distribution whose roughness is that of the lobe drawn: its code stands in the kernel once.
+    _, a_x, a_y = lobes[0]
+    first, share = mi.Float(0), shares[0]  # where the interval of the lobe in sample1 begins, and its length
+    for (_, b_x, b_y), own in zip(lobes[1:], shares[1:], strict=True):
+        later = sample1 >= first + share
+        a_x, a_y, first, share = (
+            dr.select(later, *v) for v in ((b_x, a_x), (b_y, a_y), (first + share, first), (own, share))
+        )
     distribution = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, a_x, a_y, not model.v_cavity)
     normal = mi.Vector3f(distribution.sample(view, sample2)[0])
     if model.v_cavity:
         other = mi.Vector3f(-normal.x, -normal.y, normal.z)
         seen, hidden = (dr.maximum(dr.dot(view, side), 0) for side in (normal, other))
-        # sample1 / share is uniform in [0, 1) where the lobe is drawn at all
-        normal = dr.select(sample1 * (seen + hidden) < share * seen, normal, other)
+        # (sample1 - first) / share is uniform in [0, 1) where the lobe is drawn at all
+        normal = dr.select((sample1 - first) * (seen + hidden) < share * seen, normal, other)
     reflected = 2 * dr.dot(local, normal) * normal - local
-    return dr.select(sample1 < share, frame.to_world(reflected), mi.warp.square_to_cosine_hemisphere(sample2))
+    drawn = sample1 < first + share
+    return dr.select(drawn, frame.to_world(reflected), mi.warp.square_to_cosine_hemisphere(sample2))
 
 
-def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, share, model: Model = _GGX) -> mi.Float:
+def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model = _GGX) -> mi.Float:
     """Density of :func:`sample` in 1/sr, 0 below either horizon; same arguments.
 
     References
@@ -98,23 +112,23 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, share, model: Model =
     active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
     local_i, local_o = (dr.select(active, w, mi.Vector3f(0, 0, 1)) for w in (local_i, local_o))
     h = dr.normalize(local_i + local_o)
-    # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to 0
-    # or below at grazing angles and would leave a mirror direction without density.
-    _, a_x, a_y = model.lobe(params)
-    if model.v_cavity:
-        # G1 = min(1, 2 h.n cos_theta_i / h.wi); h.wi is half the length of wi + wo, 1e-7 keeps it out of 0 / 0
-        h_wi = dr.maximum(dr.norm(local_i + local_o) / 2, 1e-7)
-        visible = dr.minimum(dr.rcp(4 * local_i.z), h.z / (2 * h_wi))
-    else:
-        root = dr.sqrt(dr.square(local_i.z) + dr.square(a_x * local_i.x) + dr.square(a_y * local_i.y))
-        visible = dr.rcp(2 * (local_i.z + root))
-    lobe = terms.D_ggx(h, a_x, a_y) * visible
-    cosine = mi.warp.square_to_cosine_hemisphere_pdf(wo)
-    return dr.select(active, dr.lerp(cosine, lobe, share), 0)
+    density = (1 - sum(shares)) * mi.warp.square_to_cosine_hemisphere_pdf(wo)
+    for (_, a_x, a_y), share in zip(model.lobes(params), shares, strict=True):
+        # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to
+        # 0 or below at grazing angles and would leave a mirror direction without density.
+        if model.v_cavity:
+            # G1 = min(1, 2 h.n cos_theta_i / h.wi); h.wi is half the length of wi + wo, 1e-7 keeps it out of 0 / 0
+            h_wi = dr.maximum(dr.norm(local_i + local_o) / 2, 1e-7)
+            visible = dr.minimum(dr.rcp(4 * local_i.z), h.z / (2 * h_wi))
+        else:
+            root = dr.sqrt(dr.square(local_i.z) + dr.square(a_x * local_i.x) + dr.square(a_y * local_i.y))
+            visible = dr.rcp(2 * (local_i.z + root))
+        density += share * terms.D_ggx(h, a_x, a_y) * visible
+    return dr.select(active, density, 0)
 
 
 def lobe_albedo(material, n: int = 4096) -> float:
-    """Albedo of the lobe for rho_s = 1 at 30 degrees, which decides how often it is sampled.
+    """Albedo of the lobes for rho_s = 1 in all at 30 degrees, which decides how often they are sampled.
 
     A rough number is enough (any is unbiased), so it is kept when rho_d or rho_s are edited.
 
@@ -138,11 +152,13 @@ def lobe_albedo(material, n: int = 4096) -> float:
     u = [0.5 + a * dr.arange(mi.Float, n) for a in (0.8191725134, 0.6710436067, 0.5497004779)]
     u = [v - dr.floor(v) for v in u]
     wi = mi.Vector3f(0.5, 0, 0.8660254) + dr.zeros(mi.Vector3f, n)
-    share = mi.Float(0.5)
     model = material.brdf.model
-    wo = sample(wi, params, share, u[0], mi.Point2f(u[1], u[2]), model)
-    p = pdf(wi, wo, params, share, model)
+    lobes = model.lobes(params)
+    even = [mi.Float(0.5 / len(lobes))] * len(lobes)
+    wo = sample(wi, params, even, u[0], mi.Point2f(u[1], u[2]), model)
+    p = pdf(wi, wo, params, even, model)
     f = material.brdf(wi, wo, params)
     total = dr.mean(dr.select(p > 0, dr.mean(f) * wo.z / p, 0))[0]
-    rho_d, rho_s = float(material.params["rho_d"].mean()), float(dr.mean(model.lobe(params)[0])[0])
+    rho_d = float(material.params["rho_d"].mean())
+    rho_s = sum(float(dr.mean(rho_s)[0]) for rho_s, *_ in lobes)
     return max(total - rho_d, 0.0) / max(rho_s, 1e-6)  # 1e-6: without a lobe the number does not matter

@@ -34,7 +34,9 @@ def assorted(seed, n_samples=100_000):
 
     References
     ----------
-    Burley 2012, *Physically Based Shading at Disney*: GTR, retro-reflective diffuse, sheen; Bagher et al. 2012 for tails between Beckmann's and GGX's. No Ward, no Beckmann: those test how networks generalise.
+    Burley 2012, *Physically Based Shading at Disney*: GTR, retro-reflective diffuse, sheen. Bagher et al. 2012,
+    *Accurate Fitting of Measured Reflectances*: tails between Beckmann and GGX. Neither Ward nor Beckmann here: they
+    test how networks generalise.
 
     Examples
     --------

@@ -72,8 +72,8 @@ def bsdf(table: np.ndarray, lobe: Material) -> mi.BSDF:
     padded = mi.TensorXf(np.concatenate([table[:, :, -1:], table, table[:, :, :1]], 2))
     texture = mi.Texture3f(padded, wrap_mode=dr.WrapMode.Clamp)
     values = [mi.Float(float(v)) for v in lobe.vector()]
-    share = sampling.specular_share(parameters.unflatten(lobe.brdf.parameters, values), lobe.lobe_albedo)
-    dr.make_opaque(values, share)
+    shares = sampling.shares(parameters.unflatten(lobe.brdf.parameters, values), lobe.lobe_albedo)
+    dr.make_opaque(values, shares)
     params = parameters.unflatten(lobe.brdf.parameters, values)
 
     class Tabulated(mi.BSDF):
@@ -88,14 +88,14 @@ def bsdf(table: np.ndarray, lobe: Material) -> mi.BSDF:
             return dr.select(active, mi.Color3f(value) * wo.z, 0)
 
         def pdf(self, ctx, si, wo, active=True):
-            return dr.select(active, sampling.pdf(si.wi, wo, params, share), 0)
+            return dr.select(active, sampling.pdf(si.wi, wo, params, shares), 0)
 
         def eval_pdf(self, ctx, si, wo, active=True):
             return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
 
         def sample(self, ctx, si, sample1, sample2, active=True):
             bs = mi.BSDFSample3f()
-            bs.wo = sampling.sample(si.wi, params, share, sample1, sample2)
+            bs.wo = sampling.sample(si.wi, params, shares, sample1, sample2)
             bs.pdf = self.pdf(ctx, si, bs.wo, active)
             bs.eta = 1
             bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))
