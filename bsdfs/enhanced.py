@@ -21,6 +21,16 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
      (radians), instead of the file's.
    - |exposed|, |differentiable|
 
+ * - rho_s2, alpha_x2, alpha_y2
+   - as above
+   - The second lobe of model ``ggx2``.
+   - |exposed|, |differentiable|
+
+ * - asymmetry
+   - |float| or |texture|
+   - How far the networks tell viewer from light, for materials that have it (``ggx2``); 0 is exactly reciprocal.
+   - |exposed|, |differentiable|
+
  * - A
    - |spectrum| or |texture|
    - Height of the highlight of model ``abc``, which has it in place of rho_s, instead of the file's.
@@ -52,7 +62,7 @@ material.
         'filename': 'gold.bsdf'
 
 One-sided, like all opaque BSDFs of Mitsuba; wrap it in ``twosided`` if needed. Works in every JIT variant; the networks
-see RGB parameters in all of them, colour enters through rho_d and rho_s. In spectral variants RGB values are upsampled
+see RGB parameters in all of them, colour enters through rho_d, rho_s and rho_s2. In spectral variants RGB values are upsampled
 as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are constants of
 the compiled function; what belongs to a material is data, so materials of one network share that function. Reference:
 Shen et al., *Neural Enhancement of Analytical Appearance Models*.
