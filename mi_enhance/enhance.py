@@ -54,11 +54,12 @@ class EnhancedBRDF:
 
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
-        """The model's parameters, and those that only networks read: ``asymmetry``, ``latent``."""
+        """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``norm_B``, ..."""
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
         asymmetry = (parameters.ASYMMETRY,) if self.inputs == "shape" and self.networks else ()
         latent = (parameters.latent(self.n_latent),) if reads_latent else ()
-        return (*self.model.parameters, *asymmetry, *latent)
+        norms = (parameters.norm(slot) for slot, mlp in self.networks.items() if mlp.n_folded) if asymmetry else ()
+        return (*self.model.parameters, *asymmetry, *latent, *norms)
 
     @property
     def n_weights(self) -> int:
@@ -177,9 +178,10 @@ class EnhancedBRDF:
         if self.model.graph.find(slot).args:
             return lambda a, b: _operator(evaluator, bias, a, b)
         x = x if self.networks[slot].sizes[0] > self.networks[slot].n_folded else []
+        name = f"norm_{slot}"
 
         def term(record):
-            out = [_exp(y) for y in evaluator(x, bias)]
+            out = [_exp(y + record[name]) if name in record else _exp(y) for y in evaluator(x, bias)]
             return out[0] if len(out) == 1 else mi.Color3f(*out)
 
         return term

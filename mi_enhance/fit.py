@@ -15,6 +15,7 @@ from . import levenberg, parameters, sampling
 from .data import Measurements
 from .enhance import EnhancedBRDF
 from .material import Material
+from .normalise import normalise, plain
 from .objective import Objective
 from .prior import Prior
 
@@ -116,7 +117,7 @@ def fit(
         "name": measurements.name,
         "source": measurements.source,
     }
-    fitted = dataclasses.replace(material, params=values, report=report, library=None)
+    fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None))
     return dataclasses.replace(fitted, lobe_albedo=sampling.lobe_albedo(fitted))
 
 
@@ -146,7 +147,7 @@ def analytic_starts(brdf: EnhancedBRDF) -> np.ndarray:
 
 def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:
     """The parameters the material came with, as far as `brdf` has them."""
-    return parameters.flatten(brdf.parameters, material.params)
+    return parameters.flatten(brdf.parameters, plain(material).params)
 
 
 def _lm(

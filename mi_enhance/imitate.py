@@ -55,7 +55,7 @@ def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
     rows = []
     for p in space:
         for _ in range(p.size):
-            if p.name in ("latent", "asymmetry"):
+            if p.fixed or p.name in ("latent", "asymmetry"):
                 # Not what a network learns to ignore: its random response is where the numbers of materials part.
                 row = np.full(n, p.initial)
             elif p.log:

@@ -27,6 +27,8 @@ class Parameter:
         Starting value.
     log : bool
         Optimise the logarithm. Roughness needs it: dD/d(alpha) is -9e8 at alpha = 0.001.
+    fixed : bool
+        Fits and training leave it at its initial value.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Parameter:
     high: float
     initial: float
     log: bool = False
+    fixed: bool = False
 
 
 # 12 analytic parameters of GGX, in the paper's order (section 7). Ranges: OpenSVBRDF statistics as published; roughness
@@ -70,6 +73,11 @@ def latent(n: int) -> Parameter:
     The range only keeps a fit from running away along a direction the data says nothing about.
     """
     return Parameter("latent", n, -16.0, 16.0, 0.5)
+
+
+def norm(slot: str) -> Parameter:
+    """A constant added to the output, a logarithm, of the network for `slot`; see :mod:`mi_enhance.normalise`."""
+    return Parameter(f"norm_{slot}", 1, -20.0, 20.0, 0.0, fixed=True)
 
 
 def count(parameters: Sequence[Parameter]) -> int:
@@ -117,7 +125,7 @@ class Space:
     ----------
     parameters : sequence of Parameter
     hold : sequence of str
-        Names that stay at their initial value.
+        Names that stay at their initial value, besides those that are fixed.
 
     Examples
     --------
@@ -128,7 +136,8 @@ class Space:
 
     def __init__(self, parameters: Sequence[Parameter], hold: Sequence[str] = ()):
         parameters = [
-            dataclasses.replace(p, low=p.initial, high=p.initial) if p.name in hold else p for p in parameters
+            dataclasses.replace(p, low=p.initial, high=p.initial) if p.fixed or p.name in hold else p
+            for p in parameters
         ]
         self._log = np.concatenate([np.full(p.size, p.log) for p in parameters])
         self.low = self.to(np.concatenate([np.full(p.size, p.low) for p in parameters]))

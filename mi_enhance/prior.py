@@ -13,7 +13,7 @@ from .material import Material
 from .objective import Objective
 
 # Chosen on MERL materials that training keeps aside, for full and for odd samples.
-_WEIGHT = 1e-4
+_WEIGHT = 4e-5
 
 
 class Prior:
@@ -37,7 +37,10 @@ class Prior:
         space = parameters.Space(material.brdf.parameters)
         u = space.to(np.asarray(material.library, np.float64))
         free = np.concatenate(
-            [np.full(p.size, p.size == 3 or p.name in ("n_x", "n_y", "t_theta")) for p in material.brdf.parameters]
+            [
+                np.full(p.size, p.size == 3 or p.fixed or p.name in ("n_x", "n_y", "t_theta"))
+                for p in material.brdf.parameters
+            ]
         )
         kept = np.flatnonzero(~free)
         covariance = np.cov(u[:, kept].T)

@@ -16,7 +16,7 @@ FLOORS = [
     ["models", "picture", "table"],
     ["enhance"],
     ["material", "specialize", "sampling", "objective", "levenberg"],
-    ["prior", "imitate", "bsdfs"],
+    ["prior", "imitate", "normalise", "bsdfs"],
     ["fit"],
     ["train", "search", "inverse", "report", "compare", "doctor"],
     ["demo"],

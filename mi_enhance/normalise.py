@@ -1,0 +1,101 @@
+"""Colours that keep their meaning: what a network adds to or takes from a term's energy is moved out of the colour.
+
+A fit cannot tell a bright colour under a dark network from a dark colour under a bright one. Afterwards each additive
+term of the BRDF is scaled so that it reflects as much as the analytic term with the same parameters would: rho_d is then
+the diffuse albedo, and rho_s what it is to GGX. The scale goes into ``norm_B``, ...; the BRDF stays the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import parameters, sampling
+from .graph import Node
+from .material import Material
+
+_SAMPLES = 1 << 14
+
+
+def normalise(material: Material) -> Material:
+    """The same BRDF, with colours as the analytic model would need them to reflect as much.
+
+    Parameters
+    ----------
+    material : Material
+        Fitted; one without networks, or whose networks have no ``norm`` parameter, is returned as it is.
+
+    Returns
+    -------
+    Material
+        Where a colour would leave its range, the scale is only taken so far.
+    """
+    material = plain(material)
+    params = dict(material.params)
+    for term, slot, colour in _terms(material):
+        albedo, analytic = _albedos(material, term, colour.name)
+        largest = params[colour.name].max()
+        # 1e-6: a term that reflects nothing, or has no colour, has nothing to move
+        if min(albedo, analytic, largest) < 1e-6:
+            continue
+        scale = np.clip(min(albedo / analytic, colour.high / largest), np.exp(-20), np.exp(20))
+        params[colour.name] = params[colour.name] * scale
+        params[f"norm_{slot}"] = np.array([-np.log(scale)])
+    return dataclasses.replace(material, params=params)
+
+
+def plain(material: Material) -> Material:
+    """The same BRDF with every ``norm`` at 0, as fits work on it; colours are cut off at their range."""
+    params = dict(material.params)
+    for _, slot, colour in _terms(material):
+        scale = np.exp(params[f"norm_{slot}"])
+        params[colour.name] = np.clip(params[colour.name] * scale, colour.low, colour.high)
+        params[f"norm_{slot}"] = np.zeros(1)
+    return dataclasses.replace(material, params=params)
+
+
+def _terms(material: Material) -> Iterator[tuple[Node, str, parameters.Parameter]]:
+    """Additive terms of the BRDF with one colour and a network that can be scaled: term, slot, colour."""
+    colours = {p.name: p for p in material.brdf.model.parameters if p.size == 3}
+    for term in _summands(material.brdf.model.graph):
+        slots = [n.name for n in term.walk() if f"norm_{n.name}" in material.params]
+        own = [name for node in term.walk() for name in node.inputs if name in colours]
+        operators = any(n.args and n.name in material.brdf.networks for n in term.walk())
+        if slots and len(own) == 1 and not operators:  # a network of operands is not linear in them
+            yield term, slots[0], colours[own[0]]
+
+
+def _summands(node: Node) -> Iterator[Node]:
+    if node.symbol == "+":
+        for a in node.args:
+            yield from _summands(a)
+    else:
+        yield node
+
+
+def _albedos(material: Material, term: Node, colour: str) -> tuple[float, float]:
+    """Albedo under even light from all sides of a term with colour 1: enhanced, analytic."""
+    brdf = material.brdf
+    values = [mi.Float(float(v)) for v in material.vector()]
+    params = {**parameters.unflatten(brdf.parameters, values), colour: mi.Color3f(1)}
+    rng = np.random.default_rng(0)
+    u = [mi.Float(rng.random(_SAMPLES).astype(np.float32)) for _ in range(5)]
+    wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))
+    n_lobes = len(brdf.model.lobes(params))
+    even = [mi.Float(0.5 / n_lobes)] * n_lobes
+    wo = sampling.sample(wi, params, even, u[2], mi.Point2f(u[3], u[4]), brdf.model)
+    density = sampling.pdf(wi, wo, params, even, brdf.model)
+    graph, record, active = brdf.prepare(wi, wo, params)
+    pairs = zip(_summands(graph), _summands(brdf.model.graph), strict=True)
+    enhanced = next(replaced for replaced, analytic in pairs if analytic is term)
+    active &= density > 0
+
+    def mean(node):
+        f = mi.Color3f(node(record)).x * wo.z / density
+        return float(dr.mean(dr.select(active, f, 0))[0])
+
+    return mean(enhanced), mean(term)
