@@ -188,7 +188,17 @@ def _lobe_abc(i, o, h, p):
     return p["A"] * (d * f * G_v_cavity(i, o, h) * inv_E(i[:, 2], o[:, 2]) * 4 / np.pi)[:, None]
 
 
-LOBES = {"cook_torrance": _lobe_cook_torrance, "ward": _lobe_ward, "abc": _lobe_abc}
+def _lobe_ggx2(i, o, h, p):
+    """Two of GGX's with one Fresnel term."""
+    f = F_schlick(np.sum(o * h, -1), p["F0"]) * inv_E(i[:, 2], o[:, 2])
+    total = 0
+    for k in ("", "2"):
+        a_x, a_y = p[f"alpha_x{k}"], p[f"alpha_y{k}"]
+        total = total + p[f"rho_s{k}"] * (D_ggx(h, a_x, a_y) * G_smith_ggx(i, o, a_x, a_y) * f)[:, None]
+    return total
+
+
+LOBES = {"ggx2": _lobe_ggx2, "cook_torrance": _lobe_cook_torrance, "ward": _lobe_ward, "abc": _lobe_abc}
 
 
 def analytic(model, wi, wo, params):
