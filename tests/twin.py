@@ -205,6 +205,14 @@ def analytic(model, wi, wo, params):
     """f_r (N, 3) of an analytic model by name; a model without n and t has the surface's frame."""
     if model == "ggx":
         return brdf(wi, wo, params)
+    i, o, p, up = local(wi, wo, params)
+    result = np.zeros((len(up), 3))
+    result[up] = p["rho_d"] / np.pi + LOBES[model](i, o, unit(i + o), p)
+    return result
+
+
+def local(wi, wo, params):
+    """Directions and parameters (n,) or (n, size) of the pairs above the horizon, and which those are."""
     wi, wo = np.asarray(wi, np.float64), np.asarray(wo, np.float64)
     n = len(wi)
     p = {
@@ -216,11 +224,7 @@ def analytic(model, wi, wo, params):
         axes = frame(p["n_x"][:, 0], p["n_y"][:, 0], p["t_theta"][:, 0])
         i, o = np.einsum("nij,nj->ni", axes, wi), np.einsum("nij,nj->ni", axes, wo)
     up = np.minimum(np.minimum(wi[:, 2], wo[:, 2]), np.minimum(i[:, 2], o[:, 2])) > 0
-    i, o = i[up], o[up]
-    p = {key: v[up, 0] if v.shape[1] == 1 else v[up] for key, v in p.items()}
-    result = np.zeros((n, 3))
-    result[up] = p["rho_d"] / np.pi + LOBES[model](i, o, unit(i + o), p)
-    return result
+    return i[up], o[up], {key: v[up, 0] if v.shape[1] == 1 else v[up] for key, v in p.items()}, up
 
 
 def log_l1(f, f_gt, cos, epsilon=0.0):
