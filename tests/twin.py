@@ -247,6 +247,16 @@ def pairs(n, seed=0, min_cos=0.0):
     return w.astype(np.float32)
 
 
+def awkward_pairs(n, seed):
+    """A third mirror pairs, a third grazing, the rest random; some equal, some opposite."""
+    wi, wo = pairs(n, seed)
+    wo[::3] = wi[::3] * [-1, -1, 1]
+    wi[1::3, 2] *= 1e-6
+    wi = unit(wi).astype(np.float32)
+    wo[::7], wo[::11] = wi[::7], -wi[::11]
+    return wi, wo
+
+
 def parameters(n, seed=0, latent=27, alpha=(0.05, 1.0), tilt=0.3):
     """n random materials; float64 arrays that float32 holds exactly."""
     rng = np.random.default_rng(seed)
