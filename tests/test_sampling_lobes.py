@@ -1,24 +1,15 @@
-"""Sampling from two lobes: density, weights and shares, and the plugin with networks on top."""
+"""Sampling from two lobes: density, histogram, shares and weights."""
 
 from __future__ import annotations
-
-import dataclasses
 
 import lanes
 import mitsuba as mi
 import numpy as np
 import pytest
 import twin
-import twin_networks
-from plugin_scenes import hit, vectors
-from test_plugin_sampling import NOISE, QUADRATURE, SIGNIFICANCE, albedo_by_sampling, view
+from test_plugin_sampling import view
 
-from mi_enhance import models, nn, sampling
-from mi_enhance.data import Measurements
-from mi_enhance.data.sampling import sample_pairs
-from mi_enhance.enhance import enhance
-from mi_enhance.fit import fit
-from mi_enhance.imitate import imitate
+from mi_enhance import models, sampling
 from mi_enhance.material import Material
 
 DRAWN = 5e-3  # three standard deviations of a fraction of 1e5 samples
@@ -190,61 +181,3 @@ def test_lobe_albedo_is_that_of_all_lobes(llvm, pair):
     f = twin.analytic("ggx2", np.tile(wi, (len(wo), 1)), wo, {**material.params, "rho_d": np.zeros(3)})[:, 0]
     # both lobes together for a strength of 4
     assert sampling.lobe_albedo(material) == pytest.approx(np.mean(f * wo[:, 2]) * 2 * np.pi / 4, rel=0.05)
-
-
-# --- the plugin -------------------------------------------------------------------------------------------------------
-
-
-def random_networks():
-    """Small random weights: nothing about sampling depends on how good the networks are."""
-    b = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
-    b = dataclasses.replace(b, networks=nn.unflatten(b.networks, 0.3 * nn.flatten(b.networks)))
-    p = {k: v[0] for k, v in twin_networks.parameters(b, 1, seed=2).items()}
-    frame = {"n_x": 0.1, "n_y": -0.05, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.3, "alpha_x2": 0.5, "alpha_y2": 0.6}
-    m = Material(b, {**p, **frame, "rho_d": (0.3, 0.2, 0.1), "rho_s": (0.5, 0.4, 0.2), "rho_s2": 0.3, "F0": 0.3})
-    return dataclasses.replace(m, lobe_albedo=sampling.lobe_albedo(m))
-
-
-def fitted_networks():
-    """A few steps of imitation, then fitted to two GGX whose reflectance falls towards grazing angles."""
-    b = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
-    truth = {"n_x": [0], "n_y": [0], "t_theta": [0.4], "F0": [0.3], "rho_d": [0.3, 0.2, 0.1]}
-    truth |= {"rho_s": [0.3, 0.3, 0.3], "rho_s2": [0.2, 0.4, 0.6]}
-    truth |= {"alpha_x": [0.15], "alpha_y": [0.1], "alpha_x2": [0.4], "alpha_y2": [0.6]}
-    wi, wo = sample_pairs(2000, seed=3)
-    f = twin.analytic("ggx2", wi, wo, truth) * (0.5 + 0.5 * (wi[:, 2:] * wo[:, 2:]) ** 0.5)
-    return fit(Material(imitate(b, steps=200, batch=1024), {}), Measurements(wi, wo, f, "two lobes", "test"))
-
-
-@pytest.fixture(scope="module")
-def materials():
-    mi.set_variant("llvm_ad_rgb")
-    return {"random": random_networks(), "fitted": fitted_networks()}
-
-
-def test_networks_are_fitted_to_two_lobes(llvm, materials):
-    """They start where the analytic fit ends, and untrained ones still say a little that it cannot."""
-    report = materials["fitted"].report
-    assert report["log_l1"] < report["log_l1_analytic"] < 0.02
-    assert report["model"] == "M * [B] + S * D * F * [G] * 1/E + S2 * D2 * F2 * [G2] * 1/E2"
-
-
-@pytest.mark.parametrize("degrees", [0, 40, 85])
-@pytest.mark.parametrize("name", ["random", "fitted"])
-def test_samples_of_the_plugin_follow_the_density(llvm, materials, name, degrees, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # a failing test writes its histograms
-    sample, pdf = mi.chi2.BSDFAdapter("enhanced", materials[name].to_dict(), wi=view(degrees))
-    test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, sample_dim=3, sample_count=400_000, ires=8)
-    assert test.run(SIGNIFICANCE, test_count=6, quiet=True), test.messages
-
-
-@pytest.mark.parametrize("degrees", [20, 70])
-@pytest.mark.parametrize("name", ["random", "fitted"])
-def test_mean_weight_of_the_plugin_is_the_albedo(llvm, materials, name, degrees):
-    """Midpoints uniform in the cosine: a random G does not fall at grazing angles, where f alone has no bound.
-
-    Nor has f cos beside the horizon of a tilted normal, so it is not tilted here.
-    """
-    b, wo = materials[name].edit(n_x=0, n_y=0).bsdf(), cells(1, 1, 700)
-    value = np.array(b.eval(mi.BSDFContext(), hit(np.tile(view(degrees), (len(wo), 1))), vectors(wo)))
-    np.testing.assert_allclose(albedo_by_sampling(b, view(degrees)), value.mean(1) * 2 * np.pi, rtol=NOISE + QUADRATURE)
