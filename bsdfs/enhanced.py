@@ -21,6 +21,16 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
      (radians), instead of the file's.
    - |exposed|, |differentiable|
 
+ * - rho_s2
+   - |spectrum| or |texture|
+   - Specular albedo of the second lobe of model ``ggx2``, instead of the file's.
+   - |exposed|, |differentiable|
+
+ * - alpha_x2, alpha_y2
+   - |float| or |texture|
+   - Roughness of the second lobe of model ``ggx2``, instead of the file's.
+   - |exposed|, |differentiable|
+
  * - A
    - |spectrum| or |texture|
    - Height of the highlight of model ``abc``, which has it in place of rho_s, instead of the file's.
@@ -29,6 +39,11 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
  * - B, C, ior
    - |float| or |texture|
    - Shape of the highlight and index of refraction of model ``abc``, instead of the file's.
+   - |exposed|, |differentiable|
+
+ * - asymmetry
+   - |float| or |texture|
+   - How far networks tell viewer from light, instead of the file's; 0 makes the material exactly reciprocal.
    - |exposed|, |differentiable|
 
  * - latent
