@@ -329,6 +329,12 @@ def enhance(
             f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
             'Use inputs="shape", or the model as it is, replace=().'
         )
+    extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - {"n_x", "n_y", "t_theta"}
+    if extra and inputs != "shape" and not all(model.graph.find(name).args for name in replace):
+        raise ValueError(
+            f'enhance(): inputs="{inputs}" has no place for {", ".join(sorted(extra))} of model "{model.name}". '
+            'Use inputs="shape".'
+        )
     rng = np.random.default_rng(seed)
     n_params, n_directional = _n_parameter_features(model, inputs) + n_latent, _n_directional_features(model, inputs)
     networks = {}

@@ -62,6 +62,14 @@ def test_slots_and_parameters():
     assert enhance("ggx2", (), inputs="shape").n_parameters == 17  # no network, nothing that only networks read
 
 
+@pytest.mark.parametrize("inputs", ["symmetric", "directions"])
+def test_inputs_made_for_one_lobe_are_refused(inputs):
+    """They have 12 places for parameters, and ggx2 has 17; an operator reads none."""
+    with pytest.raises(ValueError, match=rf'inputs="{inputs}" has no place for alpha_x2, alpha_y2, rho_s2 of model'):
+        enhance("ggx2", ("G",), inputs=inputs)
+    assert enhance("ggx2", ("F*G",), inputs=inputs).n_parameters == 17
+
+
 @pytest.mark.parametrize("modulated", [True, False], ids=["modulated", "plain"])
 @pytest.mark.parametrize("state", STATES)
 def test_values_of_ggx2_are_the_twins(llvm, state, modulated):
