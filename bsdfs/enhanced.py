@@ -21,14 +21,14 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
      (radians), instead of the file's.
    - |exposed|, |differentiable|
 
- * - rho_s2
-   - |spectrum| or |texture|
-   - Specular albedo of the second lobe of model ``ggx2``, instead of the file's.
+ * - rho_s2, alpha_x2, alpha_y2
+   - as above
+   - The second lobe of model ``ggx2``.
    - |exposed|, |differentiable|
 
- * - alpha_x2, alpha_y2
+ * - asymmetry
    - |float| or |texture|
-   - Roughness of the second lobe of model ``ggx2``, instead of the file's.
+   - How far the networks tell viewer from light, for materials that have it (``ggx2``); 0 is exactly reciprocal.
    - |exposed|, |differentiable|
 
  * - A
@@ -39,11 +39,6 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
  * - B, C, ior
    - |float| or |texture|
    - Shape of the highlight and index of refraction of model ``abc``, instead of the file's.
-   - |exposed|, |differentiable|
-
- * - asymmetry
-   - |float| or |texture|
-   - How far networks tell viewer from light, instead of the file's; 0 makes the material exactly reciprocal.
    - |exposed|, |differentiable|
 
  * - latent
@@ -67,10 +62,10 @@ material.
         'filename': 'gold.bsdf'
 
 One-sided, like all opaque BSDFs of Mitsuba; wrap it in ``twosided`` if needed. Works in every JIT variant; the networks
-see RGB parameters in all of them, colour enters through rho_d and rho_s. In spectral variants RGB values are upsampled
-as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are constants of
-the compiled function; what belongs to a material is data, so materials of one network share that function. Reference:
-Shen et al., *Neural Enhancement of Analytical Appearance Models*.
+see RGB parameters in all of them, colour enters through rho_d, rho_s and rho_s2. In spectral variants RGB values are
+upsampled as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are
+constants of the compiled function; what belongs to a material is data, so materials of one network share that function.
+Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 """
 
 from __future__ import annotations

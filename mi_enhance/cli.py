@@ -86,8 +86,8 @@ def parser() -> argparse.ArgumentParser:
     network.add_argument(
         "-m",
         "--network",
-        default="ggx",
-        help="trained network: a .bsdf file or the name of a shipped one (default: ggx)",
+        default="ggx2",
+        help="trained network: a .bsdf file or the name of a shipped one (default: %(default)s)",
     )
     method = argparse.ArgumentParser(add_help=False)
     method.add_argument(
@@ -110,6 +110,7 @@ def parser() -> argparse.ArgumentParser:
 
     p = add("fit", "fit a material to measurements", one, network, method, sampled, device)
     p.add_argument("-o", "--output", metavar="MAT.bsdf", required=True)
+    p.add_argument("--reciprocal", action="store_true", help="f(wi, wo) = f(wo, wi), even where the file is not")
 
     p = add("render", "render a scene; the plugin `enhanced` is registered", device)
     p.add_argument("scene", metavar="SCENE.xml")

@@ -40,7 +40,14 @@ def fit(args: argparse.Namespace) -> dict:
             bar.update()
             bar.set_postfix_str(f"{stage}, log-L1 {loss:.5f}")
 
-        material = fit(_network(args.network), measurements, method=args.method, seed=args.seed, callback=progress)
+        material = fit(
+            _network(args.network),
+            measurements,
+            method=args.method,
+            reciprocal=args.reciprocal,
+            seed=args.seed,
+            callback=progress,
+        )
     material.save(output)
     print(f"{material.show()}\n{output}")
     return {**material.report, "output": str(output)}

@@ -121,7 +121,7 @@ def default_models(network=None):
     """
     from .material import Material
 
-    return {"GGX": Material.analytic("ggx"), "enhanced GGX": network or Material.network("ggx")}
+    return {"GGX": Material.analytic("ggx"), "enhanced GGX": network or Material.network()}
 
 
 def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, seed=0, log=None, **render):

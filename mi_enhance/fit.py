@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable
 
@@ -15,8 +16,10 @@ from .data import Measurements
 from .enhance import EnhancedBRDF
 from .material import Material
 from .objective import Objective
+from .prior import Prior
 
 METHODS = ("lm", "rmsprop")
+
 
 _NEAREST = 28  # training materials to start from, besides the analytic fit
 # Samples, parameter sets that go on from the stage before, and most steps: many starts on few samples first. Chosen
@@ -29,6 +32,7 @@ def fit(
     measurements: Measurements,
     *,
     method: str = "lm",
+    reciprocal: bool = False,
     seed: int = 0,
     callback: Callable | None = None,
 ) -> Material:
@@ -37,13 +41,16 @@ def fit(
     Parameters
     ----------
     material : Material
-        A network (``Material.network("ggx")``), an analytic model (``Material.analytic("ggx")``), or a fitted material,
+        A network (``Material.network()``), an analytic model (``Material.analytic("ggx")``), or a fitted material,
         whose parameters then are one more start.
     measurements : Measurements
         From :func:`mi_enhance.data.load`.
     method : {"lm", "rmsprop"}
         Levenberg-Marquardt from several starts, or the paper's recipe: RMSProp with alpha 0.9, learning rate 1e-3,
         1,000 epochs of all samples from the default start.
+    reciprocal : bool
+        Hold the parameter ``asymmetry`` at 0: f(wi, wo) = f(wo, wi) for all directions, even where the file says
+        otherwise. Networks that have no such parameter are reciprocal, or (``inputs="directions"``) cannot be.
     seed : int
         Of the subset that the search for the right minimum uses.
     callback : callable, optional
@@ -59,7 +66,7 @@ def fit(
     Raises
     ------
     ValueError
-        For an unknown method.
+        For an unknown method, or if `reciprocal` is asked of a network that reads raw directions.
     RuntimeError
         If no JIT variant with RGB colours and gradients is active.
 
@@ -72,21 +79,27 @@ def fit(
     """
     if method not in METHODS:
         raise ValueError(f'fit(): method "{method}" is unknown. Choose one of: {", ".join(METHODS)}.')
+    if reciprocal and material.brdf.networks and material.brdf.inputs == "directions":
+        raise ValueError(
+            'fit(): reciprocal=True, but this network reads raw directions (inputs="directions") and tells viewer from '
+            "light. Choose a network with symmetric or shape inputs, such as ggx2."
+        )
     require_rgb("fit()")
     callback = callback or (lambda *_: None)
     start = time.perf_counter()
-    run = _lm if method == "lm" else _rmsprop
+    run = functools.partial(_lm if method == "lm" else _rmsprop, reciprocal=reciprocal)
     rng = np.random.default_rng(seed)
     analytic = EnhancedBRDF(material.brdf.model, {})
     vector, loss_analytic = run(analytic, measurements, [_given(analytic, material)], rng, callback)
     seconds_analytic = time.perf_counter() - start
     loss = loss_analytic
     if material.brdf.networks:
-        starts = [
-            _given(material.brdf, material),
-            np.append(vector, np.full(material.brdf.n_parameters - len(vector), 0.5)),
-        ]
-        vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library)
+        first = parameters.flatten(material.brdf.parameters, parameters.initial(material.brdf.parameters))
+        first[: len(vector)] = vector
+        starts = [_given(material.brdf, material), first]
+        prior = Prior(material, measurements, loss_analytic) if material.library is not None else None
+        vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library, prior)
+    values = parameters.unflatten(material.brdf.parameters, vector)
     report = {
         "model": str(material.brdf),
         "log_l1": float(loss),
@@ -97,11 +110,12 @@ def fit(
         "n_parameters": material.brdf.n_parameters,
         "clamped_fraction": measurements.clamped_fraction,
         "method": method,
+        "reciprocal": material.brdf.inputs != "directions"
+        and (reciprocal or not values.get("asymmetry", np.zeros(1))[0]),
         "seed": seed,
         "name": measurements.name,
         "source": measurements.source,
     }
-    values = parameters.unflatten(material.brdf.parameters, vector)
     fitted = dataclasses.replace(material, params=values, report=report, library=None)
     return dataclasses.replace(fitted, lobe_albedo=sampling.lobe_albedo(fitted))
 
@@ -135,7 +149,9 @@ def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:
     return parameters.flatten(brdf.parameters, material.params)
 
 
-def _lm(brdf, measurements, starts, rng, callback, library=None) -> tuple[np.ndarray, float]:
+def _lm(
+    brdf, measurements, starts, rng, callback, library=None, prior=None, *, reciprocal=False
+) -> tuple[np.ndarray, float]:
     """Search on a subset from many starts at once, then polish the best on everything."""
     n = len(measurements.f)
     order = rng.permutation(n)
@@ -144,7 +160,7 @@ def _lm(brdf, measurements, starts, rng, callback, library=None) -> tuple[np.nda
         starts = [*starts, *analytic_starts(brdf)]
     elif library is not None:
         starts = [*starts, *_nearest(brdf, measurements, library, order[:1024])]
-    space = parameters.Space(brdf.parameters)
+    space = parameters.Space(brdf.parameters, hold=("asymmetry",) if reciprocal else ())
     u, losses, used = space.to(np.array(starts)), None, 0
     for samples, survivors, steps in _STAGES:
         if used == n:
@@ -153,9 +169,10 @@ def _lm(brdf, measurements, starts, rng, callback, library=None) -> tuple[np.nda
         if losses is not None:
             u = u[np.argsort(losses)[:survivors]]
         problem = objective(brdf, measurements, len(u), order[:used])
+        loss, normal_equations = prior.added(problem) if prior else (problem.loss, problem.normal_equations)
         u, losses = levenberg.minimize(
-            problem.loss,
-            problem.normal_equations,
+            loss,
+            normal_equations,
             u,
             space.low,
             space.high,
@@ -164,7 +181,7 @@ def _lm(brdf, measurements, starts, rng, callback, library=None) -> tuple[np.nda
             callback=_reporter(callback, f"{stage}, {used} samples"),
         )
     best = int(np.argmin(losses))
-    return space.back(u[best]), losses[best]
+    return space.back(u[best]), losses[best] - (prior.loss(u[best : best + 1])[0] if prior else 0)
 
 
 def _reporter(callback: Callable, stage: str) -> Callable:
@@ -178,15 +195,18 @@ def _nearest(brdf, measurements, library: np.ndarray, index: np.ndarray) -> np.n
     return library[np.argsort(losses)[:_NEAREST]]
 
 
-def _rmsprop(brdf, measurements, starts, rng, callback, library=None, epochs: int = 1000) -> tuple[np.ndarray, float]:
+def _rmsprop(
+    brdf, measurements, starts, rng, callback, library=None, prior=None, *, reciprocal=False, epochs=1000
+) -> tuple[np.ndarray, float]:
     """The paper's recipe (sections 4.3 and 5.1), in the space in which roughness is a logarithm."""
     from drjit.opt import RMSProp
 
-    del starts, rng, library  # the paper starts every material from the same values
+    del starts, rng, library, prior  # the paper starts every material from the same values
     problem = objective(brdf, measurements)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
     optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to(first).astype(np.float32))})
-    low, high = (mi.Float(v.astype(np.float32)) for v in (problem.space.low, problem.space.high))
+    space = parameters.Space(brdf.parameters, hold=("asymmetry",) if reciprocal else ())
+    low, high = (mi.Float(v.astype(np.float32)) for v in (space.low, space.high))
     for step in range(epochs):
         flat = mi.Float(dr.detach(optimizer["u"]))
         dr.enable_grad(flat)

@@ -62,7 +62,7 @@ class Material:
         return Material(enhance(name, replace=()), {})
 
     @staticmethod
-    def network(name: str = "ggx") -> Material:
+    def network(name: str = "ggx2") -> Material:
         """A network shipped with the package, ready to be fitted."""
         return Material.load(network_file(name))
 

@@ -116,6 +116,8 @@ class Space:
     Parameters
     ----------
     parameters : sequence of Parameter
+    hold : sequence of str
+        Names that stay at their initial value.
 
     Examples
     --------
@@ -124,7 +126,10 @@ class Space:
     array([0.1 , 0.04])
     """
 
-    def __init__(self, parameters: Sequence[Parameter]):
+    def __init__(self, parameters: Sequence[Parameter], hold: Sequence[str] = ()):
+        parameters = [
+            dataclasses.replace(p, low=p.initial, high=p.initial) if p.name in hold else p for p in parameters
+        ]
         self._log = np.concatenate([np.full(p.size, p.log) for p in parameters])
         self.low = self.to(np.concatenate([np.full(p.size, p.low) for p in parameters]))
         self.high = self.to(np.concatenate([np.full(p.size, p.high) for p in parameters]))

@@ -1,4 +1,4 @@
-"""One picture of a comparison: renders in a row, their figures under them, and error maps with one shared scale."""
+"""Pictures: a comparison (renders in a row, their figures, error maps with one scale), the curve of a training."""
 
 from __future__ import annotations
 
@@ -77,3 +77,34 @@ def draw(truth, candidates, path, *, title=None):
     bar.set_title("error: $10^3\\,\\Delta E_{ITP}$ of each pixel", fontsize=9)
     with replacing(path) as temporary:
         figure.savefig(temporary)
+
+
+def draw_curve(records, path):
+    """Draw the losses of a training over its steps: solid for what it trains on, dashed for validation.
+
+    Parameters
+    ----------
+    records : list of dict
+        Each with ``step``, ``seconds``, and losses under any other key.
+    path : str or Path
+        ``.png`` or another format matplotlib writes.
+
+    Examples
+    --------
+    >>> draw_curve([{"step": 1, "loss": 0.02}, {"step": 2, "loss": 0.01}], "curve.png")  # doctest: +SKIP
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for key in dict.fromkeys(key for r in records for key in r if key not in ("step", "seconds")):
+        rows = [(r["step"], r[key]) for r in records if key in r]
+        style = {"ls": "--", "marker": "o", "ms": 3} if key.startswith("validation") else {"ls": "-"}
+        axes.plot(*zip(*rows, strict=True), label=key, lw=2.5 if key == "loss" else 1, **style)
+    axes.set(xlabel="step", ylabel="log-L1", yscale="log")
+    axes.grid(alpha=0.3, which="both")
+    axes.legend(fontsize=8)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png")

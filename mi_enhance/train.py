@@ -27,6 +27,7 @@ from .fit import fit_analytic
 from .imitate import imitate
 from .material import Material
 from .objective import Objective
+from .picture import draw_curve
 
 DEFAULTS = {
     "model": "ggx",
@@ -46,7 +47,7 @@ DEFAULTS = {
     "refits": 3,  # times, evenly spread, that every material is fitted anew
     "seed": 0,
 }
-_CHECKPOINT_EVERY = 1000  # steps
+_EVERY = (1000, 4)  # steps to a checkpoint, and checkpoints to a validation, which takes as long as 200 steps
 _REFIT_AT_ONCE = 128  # materials: bounds the memory of their Jacobians
 _START_SAMPLES = 1024  # per material, for the analytic fit that training starts from
 _WARM_UP = 200  # steps in which the rates rise: Adam's first steps, before its moments mean anything, can kill a lobe
@@ -151,10 +152,10 @@ class Trainer:
         flat = np.array(dr.detach(self.optimizer["parameters"]), np.float64).reshape(-1, self.n_materials)
         return self._space.back(flat.T.copy())
 
-    def material(self) -> Material:
-        """The network as it is shipped: weights, where fits start, and how it was made."""
+    def material(self, curve: list[dict] = ()) -> Material:
+        """The network as it is shipped: weights, where fits start, and how it was made, its `curve` included."""
         seen = self.step * self.n_materials * self.config["batch"]
-        report = {"config": self.config, "steps": self.step, "samples_seen": seen}
+        report = {"config": self.config, "steps": self.step, "samples_seen": seen, "curve": list(curve)}
         keep = _representative(self.samples.kinds)
         return Material(
             self.result(),
@@ -184,7 +185,14 @@ class Trainer:
         self.trainable.weights = self.optimizer["weights"]
 
 
-def train(config: dict, folder: Path, *, progress: bool = True, callback: Callable | None = None) -> Trainer:
+def train(
+    config: dict,
+    folder: Path,
+    *,
+    progress: bool = True,
+    callback: Callable | None = None,
+    every: tuple[int, int] = _EVERY,
+) -> Trainer:
     """Train a network, or go on where an earlier run in `folder` stopped.
 
     Parameters
@@ -192,12 +200,15 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
     config : dict
         Entries of :data:`DEFAULTS` that differ from it.
     folder : Path
-        Keeps ``config.json``, ``checkpoint.npz``, ``network.bsdf`` (ready to fit with) and ``curve.jsonl``: per line
-        the step, the mean loss since the last line, also by kind of source and of ``validation`` materials, seconds.
+        Keeps ``config.json``, ``checkpoint.npz``, ``network.bsdf`` (ready to fit with), ``curve.jsonl`` (per line the
+        step, the mean loss since the last line, also by kind of source and of ``validation`` materials, seconds) and
+        its picture, ``curve.png``.
     progress : bool
         Show a bar with the loss.
     callback : callable, optional
         ``callback(trainer)`` after every checkpoint.
+    every : (int, int)
+        Steps from checkpoint to checkpoint, and checkpoints from validation to validation.
 
     Returns
     -------
@@ -251,21 +262,36 @@ def train(config: dict, folder: Path, *, progress: bool = True, callback: Callab
         losses.append(trainer.advance())
         if trainer.step in refits:
             trainer.refit()
-        if trainer.step % _CHECKPOINT_EVERY == 0 or trainer.step == config["steps"]:
+        last = trainer.step == config["steps"]
+        if trainer.step % every[0] == 0 or last:
             mean, seconds = float(np.mean(losses)), time.perf_counter() - start
             record = {"step": trainer.step, "loss": mean, **_by_kind(samples.kinds, np.mean(losses, 0))}
-            if unseen:
+            if unseen and (last or trainer.step % (every[0] * every[1]) == 0):
                 record |= _validate(trainer.result(), unseen, unseen_start)
             with open(folder / "curve.jsonl", "a") as curve:
                 curve.write(json.dumps({**record, "seconds": round(seconds, 1)}) + "\n")
             if progress:
                 steps.set_postfix(loss=f"{mean:.5f}", samples=f"{_rate(trainer, first, seconds):.2f} M/s")
             trainer.save(checkpoint)
-            trainer.material().save(folder / "network.bsdf")
+            _ship(trainer, folder)
+            if "validation" in str(record):
+                draw_curve(_curve(folder), folder / "curve.png")
             losses = []
             if callback:
                 callback(trainer)
+    _ship(trainer, folder)
     return trainer
+
+
+def _ship(trainer: Trainer, folder: Path) -> None:
+    """Write ``network.bsdf``, with the last line of the curve and those that hold validation errors."""
+    curve = _curve(folder)
+    trainer.material([r for r in curve if r is curve[-1] or "validation" in str(r)]).save(folder / "network.bsdf")
+
+
+def _curve(folder: Path) -> list[dict]:
+    file = folder / "curve.jsonl"
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
 @contextlib.contextmanager
@@ -297,7 +323,7 @@ def _representative(kinds: list[str]) -> np.ndarray:
     """Materials that fits start from: all measured ones, and of the made-up ones as many, evenly spaced."""
     made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes", "assorted") for kind in kinds])
     measured, rest = np.flatnonzero(~made_up), np.flatnonzero(made_up)
-    n = min(len(rest), max(len(measured), 100))
+    n = min(len(rest), max(len(measured), 250))
     return np.sort(np.append(measured, rest[np.linspace(0, len(rest) - 1, n).astype(int)] if n else rest))
 
 

@@ -86,33 +86,28 @@ def test_imitation_is_repeatable(llvm):
     assert np.array_equal(a, b) and not np.array_equal(a, nn.flatten(brdf.networks))
 
 
-@pytest.fixture
-def every_20(monkeypatch):
-    """A checkpoint every 20 steps instead of 500."""
-    import importlib
-
-    monkeypatch.setattr(importlib.import_module("mi_enhance.train"), "_CHECKPOINT_EVERY", 20)
+EVERY_20 = {"every": (20, 1), "progress": False}
 
 
-def test_loss_falls_on_three_materials(llvm, every_20, tmp_path):
-    trainer = train({**CONFIG, "steps": 400, "imitation_steps": 20}, tmp_path / "run", progress=False)
+def test_loss_falls_on_three_materials(llvm, tmp_path):
+    trainer = train({**CONFIG, "steps": 400, "imitation_steps": 20}, tmp_path / "run", **EVERY_20)
     curve = [json.loads(line) for line in (tmp_path / "run/curve.jsonl").read_text().splitlines()]
     assert [c["step"] for c in curve] == list(range(20, 401, 20))
     assert curve[-1]["loss"] < 0.5 * curve[0]["loss"]
     assert trainer.step == 400 and all(np.isfinite(v).all() for v in final(trainer))
 
 
-def test_killed_run_goes_on_to_the_bit(llvm, every_20, tmp_path):
+def test_killed_run_goes_on_to_the_bit(llvm, tmp_path):
     class KilledError(Exception):
         pass
 
     def kill(trainer):
         raise KilledError
 
-    whole = final(train(CONFIG, tmp_path / "whole", progress=False))
+    whole = final(train(CONFIG, tmp_path / "whole", **EVERY_20))
     with pytest.raises(KilledError):
-        train(CONFIG, tmp_path / "killed", progress=False, callback=kill)
-    resumed = train(CONFIG, tmp_path / "killed", progress=False)
+        train(CONFIG, tmp_path / "killed", callback=kill, **EVERY_20)
+    resumed = train(CONFIG, tmp_path / "killed", **EVERY_20)
     assert resumed.step == CONFIG["steps"]
     for a, b in zip(whole, final(resumed), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -136,9 +131,9 @@ def test_network_file_holds_what_was_trained(llvm, tmp_path):
 TWO_LOBES = {"model": "ggx2", "replace": ["B", "G", "G2"], "inputs": "shape", "modulated": True}
 
 
-def test_two_lobes_are_trained_and_come_back_from_their_file(llvm, every_20, tmp_path):
+def test_two_lobes_are_trained_and_come_back_from_their_file(llvm, tmp_path):
     data = [{"kind": "assorted", "count": 2}, {"kind": "two-lobes", "count": 2}]
-    trainer = train({**CONFIG, **TWO_LOBES, "data": data, "steps": 200}, tmp_path / "run", progress=False)
+    trainer = train({**CONFIG, **TWO_LOBES, "data": data, "steps": 200}, tmp_path / "run", **EVERY_20)
     curve = [json.loads(line) for line in (tmp_path / "run/curve.jsonl").read_text().splitlines()]
     assert {"assorted", "two-lobes"} <= set(curve[-1])
     # from the analytic fit on: what is left is what two GGX cannot say

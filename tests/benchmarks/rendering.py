@@ -70,7 +70,7 @@ def main() -> None:
 
 def _bsdfs(args) -> dict[str, dict]:
     """The same look, roughly: alpha 0.2, rho_d 0.5."""
-    enhanced = Material.load(args.material) if args.material else Material.network("ggx")
+    enhanced = Material.load(args.material) if args.material else Material.network()
     return {
         "enhanced": enhanced.to_dict(),
         _REFERENCE: Material.analytic("ggx").to_dict(),
