@@ -62,10 +62,10 @@ material.
         'filename': 'gold.bsdf'
 
 One-sided, like all opaque BSDFs of Mitsuba; wrap it in ``twosided`` if needed. Works in every JIT variant; the networks
-see RGB parameters in all of them, colour enters through rho_d, rho_s and rho_s2. In spectral variants RGB values are upsampled
-as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are constants of
-the compiled function; what belongs to a material is data, so materials of one network share that function. Reference:
-Shen et al., *Neural Enhancement of Analytical Appearance Models*.
+see RGB parameters in all of them, colour enters through rho_d, rho_s and rho_s2. In spectral variants RGB values are
+upsampled as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are
+constants of the compiled function; what belongs to a material is data, so materials of one network share that function.
+Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 """
 
 from __future__ import annotations

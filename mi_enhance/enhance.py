@@ -221,17 +221,17 @@ def _parameter_features(p: Mapping, inputs: str, model: Model) -> list:
     The paper's networks read the analytic parameters as they are. In the symmetric form the directions are given in the
     material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
     """
-    rho_d, rho_s = p["rho_d"], p["rho_s"]
     if inputs == "shape":
         # 1e-4: sqrt has a finite slope at F0 = 0
         analytic = [dr.log(p[q.name]) / 4 if q.log else dr.sqrt(p[q.name] + 1e-4) for q in _shape(model)]
     elif inputs == "directions":
-        analytic = [p["n_x"], p["n_y"], p["t_theta"], *rho_d, *rho_s, p["alpha_x"], p["alpha_y"], p["F0"]]
+        frame, colours = [p["n_x"], p["n_y"], p["t_theta"]], [*p["rho_d"], *p["rho_s"]]
+        analytic = [*frame, *colours, p["alpha_x"], p["alpha_y"], p["F0"]]
     else:
         log_x, log_y = dr.log(p["alpha_x"]) / 4, dr.log(p["alpha_y"]) / 4
         # log1p keeps rho_s, which spans 0 to 10, in the range of the others; 1e-4: sqrt has a finite slope at F0 = 0
-        scaled = [dr.log(1 + c) for c in rho_s]
-        analytic = [log_x, log_y, dr.sqrt(p["F0"] + 1e-4), *rho_d, *scaled, p["alpha_x"], p["alpha_y"], p["F0"]]
+        scaled = [dr.log(1 + c) for c in p["rho_s"]]
+        analytic = [log_x, log_y, dr.sqrt(p["F0"] + 1e-4), *p["rho_d"], *scaled, p["alpha_x"], p["alpha_y"], p["F0"]]
     return [*analytic, *p.get("latent", ())]
 
 
@@ -330,6 +330,12 @@ def enhance(
         raise ValueError(
             f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
             'Use inputs="shape", or the model as it is, replace=().'
+        )
+    extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - {"n_x", "n_y", "t_theta"}
+    if extra and inputs != "shape" and not all(model.graph.find(name).args for name in replace):
+        raise ValueError(
+            f'enhance(): inputs="{inputs}" has no place for {", ".join(sorted(extra))} of model "{model.name}". '
+            'Use inputs="shape".'
         )
     rng = np.random.default_rng(seed)
     n_params, n_directional = _n_parameter_features(model, inputs) + n_latent, _n_directional_features(model, inputs)

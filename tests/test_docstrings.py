@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import importlib
 import pkgutil
+import re
 
 import mi_enhance  # (before mitsuba)
 
@@ -33,6 +34,16 @@ def test_examples_of(llvm, name):
 
 def test_every_module_is_looked_at():
     assert {"mi_enhance.geometry", "mi_enhance.terms", "mi_enhance.fit", "mi_enhance.data.merl"} <= set(MODULES)
+
+
+def test_plugin_names_every_parameter():
+    """All that any model or network has, in the text from which the reference of the plugin is made."""
+    from mi_enhance import bsdfs, models, parameters
+
+    text = importlib.import_module(f"{bsdfs.__name__}.enhanced").__doc__
+    names = {p.name for model in models.MODELS.values() for p in model().parameters}
+    for name in names | {parameters.ASYMMETRY.name, "latent"}:
+        assert re.search(rf"^ \* - .*\b{name}\b", text, re.MULTILINE), name
 
 
 def test_examples_exist():

@@ -45,7 +45,7 @@ def test_final_state_prints_as_in_the_paper():
 
 def test_unknown_inputs_are_refused():
     with pytest.raises(
-        ValueError, match=r'enhance\(\): inputs="angles" is unknown. Choose one of: symmetric, directions'
+        ValueError, match=r'enhance\(\): inputs="angles" is unknown. Choose one of: shape, symmetric, directions'
     ):
         enhance("ggx", inputs="angles")
 
@@ -154,23 +154,13 @@ def extreme(n, latent, seed):
     }
 
 
-def awkward_pairs(n, seed):
-    """A third mirror pairs, a third grazing, the rest random; some equal, some opposite."""
-    wi, wo = twin.pairs(n, seed)
-    wo[::3] = wi[::3] * [-1, -1, 1]
-    wi[1::3, 2] *= 1e-6
-    wi = twin.unit(wi).astype(np.float32)
-    wo[::7], wo[::11] = wi[::7], -wi[::11]
-    return wi, wo
-
-
 @pytest.mark.parametrize("inputs", ["symmetric", "directions"])
 @pytest.mark.parametrize("state", ["analytic", "final", "terms", "everything"])
 def test_hostile_materials_stay_finite_with_their_gradients(llvm, state, inputs):
     replace = {**STATES, "terms": TERMS}[state]
     brdf = enhance("ggx", replace, inputs=inputs, seed=11)
     n = 4000
-    wi, wo = awkward_pairs(n, seed=12)
+    wi, wo = twin.awkward_pairs(n, seed=12)
     p = extreme(n, 27, seed=13)
     if not replace:
         del p["latent"]

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import twin
+import twin_networks
 
 from mi_enhance import nn
 from mi_enhance._files import demo_data
@@ -18,12 +19,14 @@ from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
 
 EQUATION = "M + S * D * [F] [*] [G] * [1/E]"
+TWO_LOBES = {"model": "ggx2", "replace": ("B", "G", "G2"), "inputs": "shape", "modulated": True, "n_latent": 6}
 
 
 def random_material(replace=("F", "F*G", "G", "1/E"), library=False, **settings):
     """A material whose numbers all differ, as float32 holds them."""
-    brdf = enhance("ggx", replace, seed=3, hidden=settings.pop("hidden", (4, 3)), **settings)
-    p = twin.parameters(5, seed=4, latent=brdf.n_latent)
+    model, hidden = settings.pop("model", "ggx"), settings.pop("hidden", (4, 3))
+    brdf = enhance(model, replace, seed=3, hidden=hidden, **settings)
+    p = twin_networks.parameters(brdf, 5, seed=4)
     rows = np.concatenate([p[q.name] for q in brdf.parameters], 1)
     params = {q.name: p[q.name][0] for q in brdf.parameters}
     return Material(
@@ -65,8 +68,10 @@ def rewrite(path, description=None, **changed):
         {"replace": ("F*G",)},
         {"n_latent": 0},
         {"library": True, "n_latent": 5, "hidden": (8,)},
+        TWO_LOBES,
+        {**TWO_LOBES, "replace": ("M", "S2", "F*G"), "library": True},
     ],
-    ids=["final", "analytic", "colours", "operator", "no latent", "network"],
+    ids=["final", "analytic", "colours", "operator", "no latent", "network", "two lobes", "two lobes, colours"],
 )
 def test_file_brings_everything_back_to_the_bit(llvm, tmp_path, settings):
     old, path = random_material(**settings), tmp_path / "m.bsdf"
@@ -74,9 +79,8 @@ def test_file_brings_everything_back_to_the_bit(llvm, tmp_path, settings):
     new = Material.load(path)
     assert str(new.brdf) == str(old.brdf) and new.brdf.state == old.brdf.state
     assert (new.brdf.inputs, new.brdf.n_latent) == (old.brdf.inputs, old.brdf.n_latent)
-    assert {s: (m.sizes, m.n_folded) for s, m in new.brdf.networks.items()} == {
-        s: (m.sizes, m.n_folded) for s, m in old.brdf.networks.items()
-    }
+    kinds = lambda b: {s: (m.sizes, m.n_folded, m.modulated) for s, m in b.networks.items()}  # noqa: E731
+    assert kinds(new.brdf) == kinds(old.brdf)
     assert np.array_equal(nn.flatten(new.brdf.networks), nn.flatten(old.brdf.networks))
     assert np.array_equal(new.vector(), old.vector())
     assert new.report == old.report and new.lobe_albedo == old.lobe_albedo
@@ -87,8 +91,9 @@ def test_file_brings_everything_back_to_the_bit(llvm, tmp_path, settings):
     assert (tmp_path / "again.bsdf").read_bytes() == path.read_bytes()
 
 
-def test_dictionary_brings_everything_back_to_the_bit(llvm):
-    old = random_material()
+@pytest.mark.parametrize("settings", [{}, TWO_LOBES], ids=["final", "two lobes"])
+def test_dictionary_brings_everything_back_to_the_bit(llvm, settings):
+    old = random_material(**settings)
     d = old.to_dict()
     new = Material.from_arrays(d["description"], d["params"], d["weights"])
     assert np.array_equal(nn.flatten(new.brdf.networks), nn.flatten(old.brdf.networks))

@@ -32,6 +32,7 @@ RECOVERED = 1e-3  # log-L1 of a fit to samples of the model itself
 NAMES = sorted(models.MODELS)
 EQUATIONS = {
     "ggx": "M + S * D * F * G * 1/E",
+    "ggx2": "M * B + S * D * F * G * 1/E + S2 * D2 * F2 * G2 * 1/E2",
     "cook_torrance": "M + S * D * F * G * 1/E",
     "ward": "M + S * D * 1/E",
     "abc": "M + S * D * F * G * 1/E",
@@ -39,8 +40,10 @@ EQUATIONS = {
 # Narrower than what is allowed, where float32 directions still say something of the lobe.
 USUAL = {
     "n_x": (-0.2, 0.2), "n_y": (-0.2, 0.2), "rho_s": (0, 4), "alpha_x": (0.05, 1), "alpha_y": (0.05, 1),
+    "rho_s2": (0, 4), "alpha_x2": (0.05, 1), "alpha_y2": (0.05, 1),
     "A": (0.1, 100), "B": (3, 1e5), "C": (0.1, 3), "ior": (1.05, 20),
 }  # fmt: skip
+ROUGHNESSES = ("alpha_x", "alpha_y", "alpha_x2", "alpha_y2")
 
 
 def materials(model, n, seed=0, usual=USUAL):
@@ -101,7 +104,8 @@ def test_values_at_extreme_angles_are_the_twins(llvm, name):
     """Wide lobes, whose value at a grazing or mirrored pair does not hang on the last bit of h."""
     brdf = enhance(name, ())
     frame = {"n_x": (0, 0), "n_y": (0, 0)}  # a tilt moves a cosine of 1e-4 by the rounding of the frame
-    p = materials(brdf.model, 6000, usual={**USUAL, **frame, "alpha_x": (0.3, 1), "alpha_y": (0.3, 1), "B": (1, 100)})
+    wide = {name: (0.3, 1) for name in ROUGHNESSES}
+    p = materials(brdf.model, 6000, usual={**USUAL, **frame, **wide, "B": (1, 100)})
     wi, wo = pairs(6000)
     # 1e-3: a cosine of 1e-4 that passed through a frame has lost three of its digits
     np.testing.assert_allclose(lanes.evaluate(brdf, wi, wo, p), twin.analytic(name, wi, wo, p), rtol=1e-3, atol=DARK)
@@ -120,7 +124,7 @@ def test_both_directions_may_be_exchanged(llvm, name):
 def test_gradient_of_every_parameter_is_the_twins(llvm, name):
     """Of the loss's log(1 + f cos), each lane a material of its own."""
     brdf, n = enhance(name, ()), 1500
-    usual = {**USUAL, "alpha_x": (0.1, 1), "alpha_y": (0.1, 1), "F0": (0.01, 0.95), "B": (3, 1e3)}
+    usual = {**USUAL, **{name: (0.1, 1) for name in ROUGHNESSES}, "F0": (0.01, 0.95), "B": (3, 1e3)}
     p = materials(brdf.model, n, seed=2, usual=usual)
     wi, wo = twin.pairs(n, seed=3, min_cos=0.1)
     values = lanes.parameters(p)
@@ -174,7 +178,14 @@ def test_corners_of_the_ranges_stay_finite_with_their_gradients(llvm, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_fit_recovers_samples_of_the_model_itself(llvm, name, seed):
     model = models.get(name)
-    flat = {"n_x": (-0.05, 0.05), "n_y": (-0.05, 0.05), "rho_d": (0, 0.5), "rho_s": (0.1, 2), "C": (0.5, 2)}
+    flat = {
+        "n_x": (-0.05, 0.05),
+        "n_y": (-0.05, 0.05),
+        "rho_d": (0, 0.5),
+        "rho_s": (0.1, 2),
+        "rho_s2": (0.1, 2),
+        "C": (0.5, 2),
+    }
     truth = given(materials(model, 1, seed + 20, {**USUAL, **flat}))
     wi, wo = sample_pairs(3000, seed=seed, min_cos=0.05)
     m = data.Measurements(wi, wo, twin.analytic(name, wi, wo, truth))
@@ -259,7 +270,7 @@ def test_colour_of_the_abc_lobe_is_one_in_every_variant(llvm, variant):
 @pytest.mark.parametrize("name, missing", [("ward", "F0"), ("abc", "F0, alpha_x, alpha_y, rho_s")])
 def test_networks_that_would_read_what_is_not_there_are_refused(name, missing):
     with pytest.raises(
-        ValueError, match=rf'networks read {missing}, which model "{name}" does not have. Use it as it is'
+        ValueError, match=rf'networks read {missing}, which model "{name}" does not have. Use inputs="shape", or the'
     ):
         enhance(name, ["1/E"])
 

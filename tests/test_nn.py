@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import twin
+import twin_networks
 from lanes import floats
 
 from mi_enhance import enhance, nn
@@ -19,15 +20,18 @@ SHAPES = {
     "node": ((45, *nn.HIDDEN, 1), 39),
     "colour": ((39, *nn.HIDDEN, 3), 39),
     "operator": ((2, *nn.HIDDEN, 1), 0),
+    "modulated": ((45, *nn.HIDDEN, 1), 39, True),
+    "modulated colour": ((39, *nn.HIDDEN, 3), 39, True),
 }
 
 
 def network(kind, seed=0):
     """Xavier weights, and biases that are not zero: a lost bias must show."""
     rng = np.random.default_rng(seed)
-    mlp = nn.xavier(*SHAPES[kind], rng)
-    layers = tuple((w, rng.normal(0, 0.3, b.shape).astype(np.float32)) for w, b in mlp.layers)
-    return nn.MLP(layers, mlp.n_folded)
+    sizes, n_folded, *modulated = SHAPES[kind]
+    mlp = nn.xavier(sizes, n_folded, rng, *modulated)
+    layers = tuple((w, (b + rng.normal(0, 0.3, b.shape)).astype(np.float32)) for w, b in mlp.layers)
+    return nn.MLP(layers, mlp.n_folded, mlp.modulated)
 
 
 def inputs(mlp, n=N, seed=1):
@@ -81,21 +85,42 @@ def test_xavier_fills_its_range_and_nothing_else():
             assert w.std() == pytest.approx(limit / np.sqrt(3), rel=0.1)
 
 
+def test_modulated_last_layer_starts_as_xaviers_and_moves_as_far_with_the_material():
+    """Folded inputs of 0 leave what Xavier draws without modulation; inputs of size 1 add about as much again."""
+    sizes, n_folded = SHAPES["node"]
+    plain, own = (nn.xavier(sizes, n_folded, np.random.default_rng(5), m) for m in (False, True))
+    assert own.sizes == plain.sizes and own.n_weights == plain.n_weights - 17 + 17 * (39 + 1)
+    (w, b), (matrix, offset) = plain.layers[-1], own.layers[-1]
+    assert np.array_equal(offset, np.append(w, b)) and offset.dtype == matrix.dtype == np.float32
+    change = matrix @ np.random.default_rng(6).choice([-1, 1], (39, 1000))
+    assert 0.4 < change.std() / np.abs(w).max() < 0.7  # sqrt(39) entries uniform within max / sqrt(39): 1 / sqrt(3)
+
+
+def test_operators_are_never_modulated():
+    """They are folded into nothing: all of a material that they see is their operands."""
+    brdf = enhance("ggx", ["F", "F*G"], modulated=True)
+    assert {slot: m.modulated for slot, m in brdf.networks.items()} == {"F": True, "F*G": False}
+
+
 def test_same_seed_gives_the_same_weights():
     a, b, c = (nn.flatten(enhance("ggx", seed=s).networks) for s in (5, 5, 6))
     assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
 def test_flatten_and_unflatten_are_inverse():
-    networks = {"M": network("colour"), "F": network("node"), "F*G": network("operator")}
+    kinds = [("M", "colour"), ("F", "node"), ("F*G", "operator"), ("S", "modulated colour"), ("G", "modulated")]
+    networks = {slot: network(kind) for slot, kind in kinds}
     flat = nn.flatten(networks)
     assert flat.dtype == np.float32 and len(flat) == sum(m.n_weights for m in networks.values())
-    template = {slot: network(kind, 9) for slot, kind in [("M", "colour"), ("F", "node"), ("F*G", "operator")]}
+    template = {slot: network(kind, 9) for slot, kind in kinds}
     back = nn.unflatten(template, flat)
     for slot, mlp in networks.items():
-        assert back[slot].n_folded == mlp.n_folded
+        assert (back[slot].n_folded, back[slot].modulated) == (mlp.n_folded, mlp.modulated)
         for (w, b), (w2, b2) in zip(mlp.layers, back[slot].layers, strict=True):
             assert np.array_equal(w, w2) and np.array_equal(b, b2)
+    for slot, mlp in twin_networks.unflatten(template, flat).items():  # the order as the twin knows it
+        for ours, theirs in zip(networks[slot].layers, mlp.layers, strict=True):
+            assert all(np.array_equal(v, v2) for v, v2 in zip(ours, theirs, strict=True))
     assert nn.flatten({}).shape == (0,)
 
 
@@ -107,13 +132,14 @@ def test_flatten_and_unflatten_are_inverse():
 def test_evaluators_are_the_twin(llvm, kind, shape):
     mlp = network(shape)
     x = inputs(mlp)
-    expected = twin.mlp(mlp.layers, x)
+    expected = twin_networks.mlp(mlp, x)
     np.testing.assert_allclose(run(evaluator(kind, mlp), mlp, x), expected, atol=FORWARD * np.abs(expected).max())
 
 
-def test_folding_is_exact_for_a_uniform_material(llvm):
+@pytest.mark.parametrize("shape", ["node", "modulated"])
+def test_folding_is_exact_for_a_uniform_material(llvm, shape):
     """One lane of constants folded, many lanes of directions: the same as 45 inputs in every lane."""
-    mlp = network("node")
+    mlp = network(shape)
     x = inputs(mlp)
     x[:, :39] = x[0, :39]
     net = nn.Baked(mlp)
@@ -121,7 +147,7 @@ def test_folding_is_exact_for_a_uniform_material(llvm):
     assert all(len(b) == 1 for b in bias)
     got = np.array(net(floats(x[:, 39:]), bias)[0])
     assert np.array_equal(got, run(net, mlp, x)[:, 0])  # to the last bit
-    np.testing.assert_allclose(got, twin.mlp(mlp.layers, x)[:, 0], atol=FORWARD * np.abs(got).max())
+    np.testing.assert_allclose(got, twin_networks.mlp(mlp, x)[:, 0], atol=FORWARD * np.abs(got).max())
 
 
 # ---------------------------------------------------------------------- gradients
@@ -139,10 +165,10 @@ def smooth_enough(mlp, x, margin=1e-3):
 
 def jacobian(mlp, x):
     """d out / d in of the twin, (n, out, in)."""
-    return np.array([twin.central_differences(lambda v: twin.mlp(mlp.layers, v[None])[0], row) for row in x])
+    return np.array([twin.central_differences(lambda v: twin_networks.mlp(mlp, v[None])[0], row) for row in x])
 
 
-@pytest.mark.parametrize("shape", ["node", "operator"])
+@pytest.mark.parametrize("shape", ["node", "operator", "modulated"])
 @pytest.mark.parametrize("kind", [nn.Baked, nn.Trainable], ids=lambda k: k.__name__)
 def test_reverse_mode_is_central_differences(llvm, kind, shape):
     mlp = network(shape)
@@ -159,9 +185,10 @@ def test_reverse_mode_is_central_differences(llvm, kind, shape):
     np.testing.assert_allclose(got, expected, atol=GRADIENT * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("shape", ["node", "modulated"])
 @pytest.mark.parametrize("wrt", ["x", "bias", "both"])
-def test_baked_forward_mode_is_central_differences(llvm, wrt):
-    mlp = network("node")
+def test_baked_forward_mode_is_central_differences(llvm, wrt, shape):
+    mlp = network(shape)
     x = inputs(mlp, 200)
     x = x[smooth_enough(mlp, x)]
     rng = np.random.default_rng(2)
@@ -181,8 +208,9 @@ def test_baked_forward_mode_is_central_differences(llvm, wrt):
     np.testing.assert_allclose(np.array(dr.grad(y)), expected, atol=GRADIENT * np.abs(expected).max())
 
 
-def test_baked_gradient_of_a_shared_bias_is_summed_over_the_lanes(llvm):
-    mlp = network("node")
+@pytest.mark.parametrize("shape", ["node", "modulated"])
+def test_baked_gradient_of_what_is_folded_is_summed_over_the_lanes(llvm, shape):
+    mlp = network(shape)
     x = inputs(mlp, 200)
     x[:, :39] = x[0, :39]
     x = x[smooth_enough(mlp, x)]
@@ -211,14 +239,7 @@ def test_trainable_weight_gradient_is_central_differences(llvm, shape):
     assert not got[:other].any()
 
     def total(flat):
-        networks = nn.unflatten({"F": mlp}, np.zeros(mlp.n_weights, np.float32))  # shapes only
-        layers, offset = [], 0
-        for v in nn._split(networks["F"]):
-            layers.append(flat[offset : offset + v.size].reshape(v.shape))
-            offset += v.size
-        folded, varying, bias, *rest = layers
-        layers = [(np.concatenate([folded, varying], 1), bias), *zip(rest[::2], rest[1::2], strict=True)]
-        return np.sum(twin.mlp(layers, x) * seeds)
+        return np.sum(twin_networks.mlp(twin_networks.unflatten({"F": mlp}, flat)["F"], x) * seeds)
 
     expected = twin.central_differences(total, nn.flatten({"F": mlp}).astype(np.float64))
     np.testing.assert_allclose(got[other:], expected, atol=GRADIENT * np.abs(expected).max())

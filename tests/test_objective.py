@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import twin
+import twin_networks
 
 from mi_enhance import losses, parameters
 from mi_enhance.enhance import enhance
@@ -18,15 +19,35 @@ GRADIENT = 3e-4  # of the largest entry; float32 through log alpha, four network
 B, N = 3, 240  # materials and samples each
 
 
-def problem(replace, seed=0):
+TWO_LOBES = {"inputs": "shape", "modulated": True, "n_latent": 6, "hidden": (8, 8)}
+CASES = {
+    "analytic": ("ggx", (), {}),
+    "final": ("ggx", ("F", "F*G", "G", "1/E"), {}),
+    "colours": ("ggx", ("M", "S*D"), {}),
+    "two lobes, analytic": ("ggx2", (), {}),
+    "two lobes": ("ggx2", ("B", "G", "G2"), TWO_LOBES),
+    "abc": ("abc", ("F", "G"), TWO_LOBES),
+}
+
+
+def reflectance(brdf):
+    """The twin of a BRDF: a function of wi, wo and parameters."""
+    model, networks = brdf.model.name, brdf.networks
+    if brdf.inputs == "shape":
+        return lambda wi, wo, p: twin_networks.brdf(model, wi, wo, p, networks)
+    if not networks:
+        return lambda wi, wo, p: twin.analytic(model, wi, wo, p)
+    return lambda wi, wo, p: twin.brdf(wi, wo, p, {slot: mlp.layers for slot, mlp in networks.items()})
+
+
+def problem(case, seed=0):
     """Objective, optimised parameters (B, P), and the same loss by the twin."""
-    brdf = enhance("ggx", replace, seed=seed)
-    latent = 27 if any(m.n_folded for m in brdf.networks.values()) else 0
+    model, replace, settings = CASES[case]
+    brdf = enhance(model, replace, seed=seed, **settings)
     wi, wo = twin.pairs(B * N, seed=1, min_cos=0.1)
-    start, truth = (twin.parameters(B, s, latent, alpha=(0.1, 0.8), tilt=0.1) for s in (2, 3))
-    u = np.concatenate([start[p.name] for p in brdf.parameters], 1)
-    networks = {slot: mlp.layers for slot, mlp in brdf.networks.items()}
-    f = twin.brdf(wi, wo, {k: np.repeat(v, N, 0) for k, v in truth.items()}, networks).astype(np.float32)
+    start, truth = (twin_networks.parameters(brdf, B, s, alpha=(0.1, 0.8), tilt=0.1) for s in (2, 3))
+    u, value = np.concatenate([start[p.name] for p in brdf.parameters], 1), reflectance(brdf)
+    f = value(wi, wo, {k: np.repeat(v, N, 0) for k, v in truth.items()}).astype(np.float32)
     objective = Objective(brdf, lanes.vectors(wi), lanes.vectors(wo), mi.Color3f(np.ascontiguousarray(f.T)), N)
     u = objective.space.to(u).astype(np.float32).astype(np.float64)
 
@@ -34,15 +55,15 @@ def problem(replace, seed=0):
         """Of material k at one optimised vector."""
         values = parameters.unflatten(brdf.parameters, objective.space.back(row))
         part = slice(k * N, (k + 1) * N)
-        got = twin.brdf(wi[part], wo[part], values, networks)
+        got = value(wi[part], wo[part], values)
         return twin.log_l1(got, f[part].astype(np.float64), wo[part, 2].astype(np.float64), epsilon)
 
     return objective, u, loss, (wi, wo, f)
 
 
-@pytest.mark.parametrize("replace", [(), ("F", "F*G", "G", "1/E"), ("M", "S*D")], ids=["analytic", "final", "colours"])
-def test_loss_is_log_l1_of_each_material(llvm, replace):
-    objective, u, loss, (wi, wo, f) = problem(replace)
+@pytest.mark.parametrize("case", CASES)
+def test_loss_is_log_l1_of_each_material(llvm, case):
+    objective, u, loss, (wi, wo, f) = problem(case)
     got = objective.loss(u)
     assert got.shape == (B,)
     np.testing.assert_allclose(got, [loss(k, u[k]) for k in range(B)], rtol=LOSS)
@@ -54,15 +75,15 @@ def test_loss_is_log_l1_of_each_material(llvm, replace):
 
 def test_residuals_are_signed(llvm):
     """Measured minus model: positive where the model is too dark."""
-    objective, u, _, _ = problem(())
+    objective, u, _, _ = problem("analytic")
     dark = u.copy()
     dark[:, 3:9] = 0  # rho_d and rho_s
     assert min(np.array(r).min() for r in objective.residuals(dark)) >= 0
 
 
-@pytest.mark.parametrize("replace", [(), ("F", "F*G", "G", "1/E"), ("M", "S*D")], ids=["analytic", "final", "colours"])
-def test_normal_equations_are_central_differences(llvm, replace):
-    objective, u, loss, _ = problem(replace)
+@pytest.mark.parametrize("case", CASES)
+def test_normal_equations_are_central_differences(llvm, case):
+    objective, u, loss, _ = problem(case)
     epsilon = 0.1 * objective.loss(u)
     h, g, smooth = objective.normal_equations(u, epsilon)
     for k in range(B):
@@ -76,26 +97,27 @@ def test_normal_equations_are_central_differences(llvm, replace):
         assert w.min() > -1e-6 * w.max()  # semidefinite to the rounding of float32 products
 
 
-def test_gauss_newton_matrix_is_the_weighted_jacobian(llvm):
+@pytest.mark.parametrize("case", ["final", "two lobes"])
+def test_gauss_newton_matrix_is_the_weighted_jacobian(llvm, case):
     """h = mean of J J^T / sqrt(r^2 + epsilon^2), J by central differences of the twin."""
-    objective, u, _, (wi, wo, f) = problem(("F", "F*G", "G", "1/E"))
+    objective, u, _, (wi, wo, f) = problem(case)
     h, _, _ = objective.normal_equations(u, np.full(B, 0.01))
-    networks = {slot: mlp.layers for slot, mlp in objective.brdf.networks.items()}
+    value = reflectance(objective.brdf)
 
     def residuals(row):
         values = parameters.unflatten(objective.brdf.parameters, objective.space.back(row))
         cos = wo[:N, 2:].astype(np.float64)
-        return (np.log1p(f[:N] * cos) - np.log1p(twin.brdf(wi[:N], wo[:N], values, networks) * cos)).ravel()
+        return (np.log1p(f[:N] * cos) - np.log1p(value(wi[:N], wo[:N], values) * cos)).ravel()
 
     r, j = residuals(u[0]), twin.central_differences(residuals, u[0])
     expected = (j / np.sqrt(r * r + 1e-4)[:, None]).T @ j / r.size
     np.testing.assert_allclose(h[0], expected, atol=GRADIENT * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("replace", [(), ("F", "F*G", "G", "1/E")], ids=["analytic", "final"])
-def test_gradient_is_that_of_the_normal_equations(llvm, replace):
+@pytest.mark.parametrize("case", CASES)
+def test_gradient_is_that_of_the_normal_equations(llvm, case):
     """Without smoothing, divided by the number of materials, and parameter after parameter."""
-    objective, u, _, _ = problem(replace)
+    objective, u, _, _ = problem(case)
     flat = mi.Float(u.T.ravel().astype(np.float32))
     dr.enable_grad(flat)
     loss, gradient = objective.gradient(flat)

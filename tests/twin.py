@@ -188,13 +188,31 @@ def _lobe_abc(i, o, h, p):
     return p["A"] * (d * f * G_v_cavity(i, o, h) * inv_E(i[:, 2], o[:, 2]) * 4 / np.pi)[:, None]
 
 
-LOBES = {"cook_torrance": _lobe_cook_torrance, "ward": _lobe_ward, "abc": _lobe_abc}
+def _lobe_ggx2(i, o, h, p):
+    """Two of GGX's with one Fresnel term."""
+    f = F_schlick(np.sum(o * h, -1), p["F0"]) * inv_E(i[:, 2], o[:, 2])
+    total = 0
+    for k in ("", "2"):
+        a_x, a_y = p[f"alpha_x{k}"], p[f"alpha_y{k}"]
+        total = total + p[f"rho_s{k}"] * (D_ggx(h, a_x, a_y) * G_smith_ggx(i, o, a_x, a_y) * f)[:, None]
+    return total
+
+
+LOBES = {"ggx2": _lobe_ggx2, "cook_torrance": _lobe_cook_torrance, "ward": _lobe_ward, "abc": _lobe_abc}
 
 
 def analytic(model, wi, wo, params):
     """f_r (N, 3) of an analytic model by name; a model without n and t has the surface's frame."""
     if model == "ggx":
         return brdf(wi, wo, params)
+    i, o, p, up = local(wi, wo, params)
+    result = np.zeros((len(up), 3))
+    result[up] = p["rho_d"] / np.pi + LOBES[model](i, o, unit(i + o), p)
+    return result
+
+
+def local(wi, wo, params):
+    """Directions and parameters (n,) or (n, size) of the pairs above the horizon, and which those are."""
     wi, wo = np.asarray(wi, np.float64), np.asarray(wo, np.float64)
     n = len(wi)
     p = {
@@ -206,11 +224,7 @@ def analytic(model, wi, wo, params):
         axes = frame(p["n_x"][:, 0], p["n_y"][:, 0], p["t_theta"][:, 0])
         i, o = np.einsum("nij,nj->ni", axes, wi), np.einsum("nij,nj->ni", axes, wo)
     up = np.minimum(np.minimum(wi[:, 2], wo[:, 2]), np.minimum(i[:, 2], o[:, 2])) > 0
-    i, o = i[up], o[up]
-    p = {key: v[up, 0] if v.shape[1] == 1 else v[up] for key, v in p.items()}
-    result = np.zeros((n, 3))
-    result[up] = p["rho_d"] / np.pi + LOBES[model](i, o, unit(i + o), p)
-    return result
+    return i[up], o[up], {key: v[up, 0] if v.shape[1] == 1 else v[up] for key, v in p.items()}, up
 
 
 def log_l1(f, f_gt, cos, epsilon=0.0):
@@ -231,6 +245,16 @@ def pairs(n, seed=0, min_cos=0.0):
         w[..., 2] = np.maximum(w[..., 2], min_cos)
         w = unit(w)
     return w.astype(np.float32)
+
+
+def awkward_pairs(n, seed):
+    """A third mirror pairs, a third grazing, the rest random; some equal, some opposite."""
+    wi, wo = pairs(n, seed)
+    wo[::3] = wi[::3] * [-1, -1, 1]
+    wi[1::3, 2] *= 1e-6
+    wi = unit(wi).astype(np.float32)
+    wo[::7], wo[::11] = wi[::7], -wi[::11]
+    return wi, wo
 
 
 def parameters(n, seed=0, latent=27, alpha=(0.05, 1.0), tilt=0.3):
