@@ -1,7 +1,7 @@
 """Colours that keep their meaning: what a network adds to or takes from a term's energy is moved out of the colour.
 
 A fit cannot tell a bright colour under a dark network from a dark colour under a bright one. Afterwards each additive
-term of the BRDF is scaled so that it reflects as much as the analytic term with the same parameters would: rho_d is then
+term of the BRDF is scaled so that it reflects as much as the analytic term of the same parameters would: rho_d is then
 the diffuse albedo, and rho_s what it is to GGX. The scale goes into ``norm_B``, ...; the BRDF stays the same.
 """
 
