@@ -96,7 +96,7 @@ def draw_curve(records, path):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 5), dpi=110, layout="constrained")
+    figure = Figure(figsize=(10, 5), dpi=90, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     for key in dict.fromkeys(key for r in records for key in r if key not in ("step", "seconds")):
@@ -105,6 +105,6 @@ def draw_curve(records, path):
         axes.plot(*zip(*rows, strict=True), label=key, lw=2.5 if key == "loss" else 1, **style)
     axes.set(xlabel="step", ylabel="log-L1", yscale="log")
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))  # beside the curves, which fill the axes
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png")

@@ -55,8 +55,9 @@ def test_slots_and_parameters():
     b = enhance("ggx2", LOBES, inputs="shape", modulated=True)
     assert str(b) == "M * [B] + S * D * F * [G] * 1/E + S2 * D2 * F2 * [G2] * 1/E2"
     assert len(b.state) == 23 and sum(b.state) == 3
-    assert [p.name for p in b.parameters][-5:] == ["rho_s2", "alpha_x2", "alpha_y2", "asymmetry", "latent"]
-    assert b.n_parameters == 17 + 1 + 27
+    names = ["rho_s2", "alpha_x2", "alpha_y2", "asymmetry", "latent", "norm_B", "norm_G", "norm_G2"]
+    assert [p.name for p in b.parameters][-8:] == names
+    assert b.n_parameters == 17 + 1 + 27 + 3
     # 5 shapes and 27 latent numbers are folded; 7 features, and 2 more for each lobe, vary
     assert {(m.sizes, m.n_folded) for m in b.networks.values()} == {((32 + 11, *nn.HIDDEN, 1), 32)}
     assert enhance("ggx2", (), inputs="shape").n_parameters == 17  # no network, nothing that only networks read

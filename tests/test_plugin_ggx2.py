@@ -116,7 +116,7 @@ def test_gradient_of_every_parameter_through_a_render(llvm, materials):
     s = ball({**m.to_dict(), "id": "m"}, integrator={"type": "prb", "max_depth": 3})
     p = mi.traverse(s)
     keys = [k for k in p.keys() if k.rsplit(".", 1)[-1] in m.params]
-    assert len(keys) == len(m.params) == 13
+    assert len(keys) == len(m.params) == 16
     for key in keys:
         dr.enable_grad(p[key])
     p.update()

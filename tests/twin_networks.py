@@ -92,7 +92,7 @@ def brdf(model, wi, wo, params, networks):
     values = terms(model, i, o, p)
     for name in set(networks) & set(values):
         x = constant if name in COLOURS else both
-        values[name] = np.exp(np.clip(mlp(networks[name], x), -20, 20))
+        values[name] = np.exp(np.clip(mlp(networks[name], x) + p[f"norm_{name}"][:, None], -20, 20))
     values = {name: v[:, None] if np.ndim(v) == 1 else v for name, v in values.items()}
 
     def operator(name, a, b):
@@ -149,7 +149,7 @@ def parameters(brdf, n, seed=0, alpha=(0.05, 1.0), tilt=0.3):
     result = {}
     for q in brdf.parameters:
         low, high = {"n_x": (-tilt, tilt), "n_y": (-tilt, tilt), "rho_s": (0, 4), "rho_s2": (0, 4)}.get(
-            q.name, alpha if q.name.startswith("alpha") else USUAL.get(q.name, (q.low, q.high))
+            q.name, alpha if q.name.startswith("alpha") else USUAL.get(q.name.split("_")[0], (q.low, q.high))
         )
         x = rng.uniform(np.log(low) if q.log else low, np.log(high) if q.log else high, (n, q.size))
         result[q.name] = np.exp(x) if q.log else x
@@ -157,4 +157,4 @@ def parameters(brdf, n, seed=0, alpha=(0.05, 1.0), tilt=0.3):
 
 
 # Of ABC narrower than what is allowed, where float32 directions still say something of the lobe.
-USUAL = {"A": (0.1, 100), "B": (3, 1e3), "C": (0.1, 3), "ior": (1.05, 20), "latent": (-0.5, 1.5)}
+USUAL = {"A": (0.1, 100), "B": (3, 1e3), "C": (0.1, 3), "ior": (1.05, 20), "latent": (-0.5, 1.5), "norm": (-1, 1)}

@@ -9,8 +9,9 @@ Four errors of each fit, all eq. (1) of the paper as a mean, over the samples of
 - both *below 80 degrees*: only samples with both directions less than 80 degrees from the normal; beyond, the files are
   extrapolated.
 
-``--render`` holds renders of the Standard Shader Ball against the file's own (``mi_enhance/metrics.py``), one
-``comparison.png`` for every material. What is no BSDF of ours is rendered from a table (``tabulated.py``).
+``--render`` holds renders of the Standard Shader Ball against the file's own (``mi_enhance/metrics.py``): for every
+material ``comparison.png`` (all models) and ``short.png``; ``best.png``, ``worst.png`` with three materials each. What
+is no BSDF of ours is rendered from a table (``tabulated.py``).
 
 Writes into the folder of ``-o``: ``accuracy.csv``, ``.json``, ``.md`` (one row per model: means, ratios of the means to
 GGX, the worst material), ``materials.*`` (one row per material and model), and a folder for every material with its
@@ -92,6 +93,8 @@ def main() -> None:
         print(material_name(path), flush=True)
         rows += _material(args, path, contenders)
     write_table(rows, Path(args.output) / "materials", _MATERIALS)
+    if args.render:
+        _extremes(args, rows)
     summary = [_summary(rows, rival.label) for rival in contenders]
     write_table(summary, Path(args.output) / "accuracy", _SUMMARY)
     title = f"log-L1, {args.samples:,} samples, {args.method}, mean of {len(rows) // len(contenders)} materials"
@@ -140,6 +143,20 @@ def _render(args, path, measurements, folder: Path, contenders: list[rivals.Riva
             row |= {"ssim": metrics.ssim(image, truth), "delta_E_ITP_1000": 1000 * float(np.mean(error))}
             tiles.append({**row, "image": image, "error": error})
     picture.draw(("measured", truth), tiles, folder / "comparison.png", title=measurements.name)
+    # the reference, the network named first, and the rival that is trained for each material: what a page has room for
+    network = next((row["label"] for row in rows if row["label"].startswith("enhanced")), None)
+    short = [tile for tile in tiles if tile["label"] in (rivals.REFERENCE, network, "NBRDF trained")]
+    picture.draw(("measured", truth), short, folder / "short.png", title=measurements.name)
+
+
+def _extremes(args, rows: list[dict]) -> None:
+    """``best.png`` and ``worst.png``: the three materials with the lowest and highest ratio of the first network."""
+    network = next((row["label"] for row in rows if row["label"].startswith("enhanced")), rivals.REFERENCE)
+    ranked = sorted((row for row in rows if row["label"] == network), key=lambda row: row[f"{_JUDGED}_ratio"])
+    for name, three in (("best", ranked[:3]), ("worst", ranked[:-4:-1])):
+        tiles = [np.array(mi.Bitmap(str(Path(args.output) / row["material"] / "short.png"))) for row in three]
+        with replacing(Path(args.output) / f"{name}.png") as temporary:
+            mi.Bitmap(np.concatenate(tiles)).write(temporary)
 
 
 def _bsdf(fitted: rivals.Fitted, lobe: rivals.Material):

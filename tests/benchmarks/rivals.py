@@ -182,8 +182,8 @@ def multiply_adds(material: Material) -> int:
     class Counter(nn.Baked):
         def __init__(self, mlp):
             super().__init__(mlp)
-            folded = mlp.n_folded * len(mlp.layers[0][1])
-            self.count = sum(w.size for w, _ in mlp.layers) - folded
+            sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])  # a modulated last layer is one like any, once folded
+            self.count = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False))
 
         def __call__(self, x, bias):
             counts.append(self.count)
