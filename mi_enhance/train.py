@@ -254,7 +254,7 @@ def train(
     else:
         brdf = imitate(brdf, steps=config["imitation_steps"], seed=config["seed"])
         trainer = Trainer(brdf, samples, config, _analytic(brdf, samples))
-    unseen = read(config["validation"]) if config["validation"] else None
+    unseen = read(config["validation"]) if config["validation"] and trainer.step < config["steps"] else None
     unseen_start = _analytic(brdf, unseen) if unseen else None
     refits = {config["steps"] * k // (config["refits"] + 1) for k in range(1, config["refits"] + 1)}
     start, first, losses = time.perf_counter(), trainer.step, []
