@@ -112,7 +112,7 @@ def default_models(network=None):
     Parameters
     ----------
     network : Material, optional
-        The enhanced model; the shipped ``ggx`` if left out.
+        The enhanced model; the shipped default if left out.
 
     Examples
     --------

@@ -38,7 +38,7 @@ def main() -> None:
     """Run the benchmark of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", nargs="*", help="measured files (default: data/rgl/*.bsdf)")
-    parser.add_argument("--network", help="network to fit (default: the shipped ggx)")
+    parser.add_argument("--network", help="network to fit (default: the shipped one)")
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
