@@ -98,7 +98,7 @@ class Enhanced(mi.BSDF):
             nn.Cooperative if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else nn.Baked
         )
         self.m_values, self.m_textures = {}, {}
-        self.m_colours = [p.name for p in self.m_brdf.parameters if p.size == 3 and p.name != "latent"]
+        self.m_colours = [p.name for p in self.m_brdf.parameters if p.is_colour]
         for p in self.m_brdf.parameters:
             self._read(props, p)
         self.m_lobe_albedo = mi.Float(self.m_material.lobe_albedo)

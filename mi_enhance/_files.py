@@ -68,6 +68,9 @@ def demo_data(name: str) -> Path:
     return _find("demo_data", "data/rgl", name, "demo_data()")
 
 
+DEFAULT_NETWORK = "ggx2"  # the shipped one that is used where none is named
+
+
 def network_file(name: str) -> Path:
     """Return the path of a trained network that comes with the package.
 

@@ -11,6 +11,7 @@ import json
 import sys
 
 from . import __version__, _llvm
+from ._files import DEFAULT_NETWORK
 
 _OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
 
@@ -86,7 +87,7 @@ def parser() -> argparse.ArgumentParser:
     network.add_argument(
         "-m",
         "--network",
-        default="ggx2",
+        default=DEFAULT_NETWORK,
         help="trained network: a .bsdf file or the name of a shipped one (default: %(default)s)",
     )
     method = argparse.ArgumentParser(add_help=False)

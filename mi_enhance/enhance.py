@@ -212,7 +212,7 @@ def _lobes(names: Iterable[str]) -> list[str]:
 
 def _shape(model: Model) -> list[parameters.Parameter]:
     """The parameters that shape the lobes: neither colours nor the frame."""
-    return [p for p in model.parameters if p.size == 1 and p.name not in ("n_x", "n_y", "t_theta")]
+    return [p for p in model.parameters if not p.is_colour and p.name not in parameters.FRAME]
 
 
 def _parameter_features(p: Mapping, inputs: str, model: Model) -> list:
@@ -331,7 +331,7 @@ def enhance(
             f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
             'Use inputs="shape", or the model as it is, replace=().'
         )
-    extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - {"n_x", "n_y", "t_theta"}
+    extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - set(parameters.FRAME)
     if extra and inputs != "shape" and not all(model.graph.find(name).args for name in replace):
         raise ValueError(
             f'enhance(): inputs="{inputs}" has no place for {", ".join(sorted(extra))} of model "{model.name}". '

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import models, nn, parameters
-from ._files import network_file
+from ._files import DEFAULT_NETWORK, network_file
 from .data import tensor_file
 from .data._io import replacing, require_file
 from .enhance import EnhancedBRDF, enhance
@@ -62,7 +62,7 @@ class Material:
         return Material(enhance(name, replace=()), {})
 
     @staticmethod
-    def network(name: str = "ggx2") -> Material:
+    def network(name: str = DEFAULT_NETWORK) -> Material:
         """A network shipped with the package, ready to be fitted."""
         return Material.load(network_file(name))
 

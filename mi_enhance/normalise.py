@@ -36,8 +36,10 @@ def normalise(material: Material) -> Material:
     """
     material = plain(material)
     params = dict(material.params)
-    for term, slot, colour in _terms(material):
-        albedo, analytic = _albedos(material, term, colour.name)
+    terms = list(_terms(material))
+    albedos = _albedos(material) if terms else []
+    for k, slot, colour in terms:
+        albedo, analytic = albedos[k]
         largest = params[colour.name].max()
         # 1e-6: a term that reflects nothing, or has no colour, has nothing to move
         if min(albedo, analytic, largest) < 1e-6:
@@ -58,15 +60,15 @@ def plain(material: Material) -> Material:
     return dataclasses.replace(material, params=params)
 
 
-def _terms(material: Material) -> Iterator[tuple[Node, str, parameters.Parameter]]:
-    """Additive terms of the BRDF with one colour and a network that can be scaled: term, slot, colour."""
-    colours = {p.name: p for p in material.brdf.model.parameters if p.size == 3}
-    for term in _summands(material.brdf.model.graph):
+def _terms(material: Material) -> Iterator[tuple[int, str, parameters.Parameter]]:
+    """Additive terms of the BRDF with one colour and a network that can be scaled: number, slot, colour."""
+    colours = {p.name: p for p in material.brdf.model.parameters if p.is_colour}
+    for k, term in enumerate(_summands(material.brdf.model.graph)):
         slots = [n.name for n in term.walk() if f"norm_{n.name}" in material.params]
         own = [name for node in term.walk() for name in node.inputs if name in colours]
         operators = any(n.args and n.name in material.brdf.networks for n in term.walk())
         if slots and len(own) == 1 and not operators:  # a network of operands is not linear in them
-            yield term, slots[0], colours[own[0]]
+            yield k, slots[0], colours[own[0]]
 
 
 def _summands(node: Node) -> Iterator[Node]:
@@ -77,11 +79,12 @@ def _summands(node: Node) -> Iterator[Node]:
         yield node
 
 
-def _albedos(material: Material, term: Node, colour: str) -> tuple[float, float]:
-    """Albedo under even light from all sides of a term with colour 1: enhanced, analytic."""
+def _albedos(material: Material) -> list[tuple[float, float]]:
+    """Albedo under even light from all sides of every additive term with colour 1: enhanced, analytic."""
     brdf = material.brdf
     values = [mi.Float(float(v)) for v in material.vector()]
-    params = {**parameters.unflatten(brdf.parameters, values), colour: mi.Color3f(1)}
+    params = parameters.unflatten(brdf.parameters, values)
+    params |= {p.name: mi.Color3f(1) for p in brdf.model.parameters if p.is_colour}
     rng = np.random.default_rng(0)
     u = [mi.Float(rng.random(_SAMPLES).astype(np.float32)) for _ in range(5)]
     wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))
@@ -90,12 +93,11 @@ def _albedos(material: Material, term: Node, colour: str) -> tuple[float, float]
     wo = sampling.sample(wi, params, even, u[2], mi.Point2f(u[3], u[4]), brdf.model)
     density = sampling.pdf(wi, wo, params, even, brdf.model)
     graph, record, active = brdf.prepare(wi, wo, params)
-    pairs = zip(_summands(graph), _summands(brdf.model.graph), strict=True)
-    enhanced = next(replaced for replaced, analytic in pairs if analytic is term)
     active &= density > 0
 
     def mean(node):
         f = mi.Color3f(node(record)).x * wo.z / density
         return float(dr.mean(dr.select(active, f, 0))[0])
 
-    return mean(enhanced), mean(term)
+    pairs = zip(_summands(graph), _summands(brdf.model.graph), strict=True)
+    return [(mean(enhanced), mean(analytic)) for enhanced, analytic in pairs]

@@ -86,7 +86,7 @@ class Objective:
         dr.enable_grad(p_leaves)
         params = parameters.unflatten(self.brdf.parameters, self.space.back(p_leaves))
         graph, record, active = self.brdf.prepare(self.wi, self.wo, params, self.evaluators)
-        colours = {p.name for p in self.brdf.parameters if p.size == 3}
+        colours = {p.name for p in self.brdf.parameters if p.is_colour}
         # What lies below the colours is a scalar: one backward pass through the networks serves all three channels.
         values = {node.name: node(record) for node in _scalar_parts(graph, colours)}
         cuts = {name: v for name, v in values.items() if dr.grad_enabled(v)}  # an analytic B is the number 1

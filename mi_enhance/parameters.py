@@ -39,12 +39,18 @@ class Parameter:
     log: bool = False
     fixed: bool = False
 
+    @property
+    def is_colour(self) -> bool:
+        """True for a linear RGB colour; three latent numbers are none."""
+        return self.size == 3 and self.name != "latent"
+
 
 # 12 analytic parameters of GGX, in the paper's order (section 7). Ranges: OpenSVBRDF statistics as published; roughness
 # is let down to 1e-4, where Mitsuba's own microfacet distribution ends; n tilts by 45 degrees at most (0.5**2 * 2 < 1).
 N_X = Parameter("n_x", 1, -0.5, 0.5, 0.0)
 N_Y = Parameter("n_y", 1, -0.5, 0.5, 0.0)
 T_THETA = Parameter("t_theta", 1, -math.pi, math.pi, 0.0)
+FRAME = ("n_x", "n_y", "t_theta")  # those that turn the material's frame, by name
 RHO_D = Parameter("rho_d", 3, 0.0, 1.0, 0.5)
 RHO_S = Parameter("rho_s", 3, 0.0, 10.0, 1.0)
 ALPHA_X = Parameter("alpha_x", 1, 1e-4, 1.0, 0.2, log=True)
@@ -113,7 +119,7 @@ def unflatten(parameters: Sequence[Parameter], vector) -> dict:
         part = vector[start : start + p.size]
         start += p.size
         if not isinstance(vector, np.ndarray):
-            part = part[0] if p.size == 1 else mi.Color3f(*part) if p.size == 3 else list(part)
+            part = mi.Color3f(*part) if p.is_colour else list(part) if p.name == "latent" else part[0]
         result[p.name] = part
     return result
 

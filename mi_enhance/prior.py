@@ -37,10 +37,7 @@ class Prior:
         space = parameters.Space(material.brdf.parameters)
         u = space.to(np.asarray(material.library, np.float64))
         free = np.concatenate(
-            [
-                np.full(p.size, p.size == 3 or p.fixed or p.name in ("n_x", "n_y", "t_theta"))
-                for p in material.brdf.parameters
-            ]
+            [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]
         )
         kept = np.flatnonzero(~free)
         covariance = np.cov(u[:, kept].T)

@@ -274,7 +274,7 @@ def train(
                 steps.set_postfix(loss=f"{mean:.5f}", samples=f"{_rate(trainer, first, seconds):.2f} M/s")
             trainer.save(checkpoint)
             _ship(trainer, folder)
-            if "validation" in str(record):
+            if _has_validation(record):
                 draw_curve(_curve(folder), folder / "curve.png")
             losses = []
             if callback:
@@ -286,7 +286,11 @@ def train(
 def _ship(trainer: Trainer, folder: Path) -> None:
     """Write ``network.bsdf``, with the last line of the curve and those that hold validation errors."""
     curve = _curve(folder)
-    trainer.material([r for r in curve if r is curve[-1] or "validation" in str(r)]).save(folder / "network.bsdf")
+    trainer.material([r for r in curve if r is curve[-1] or _has_validation(r)]).save(folder / "network.bsdf")
+
+
+def _has_validation(record: dict) -> bool:
+    return any(key.startswith("validation") for key in record)
 
 
 def _curve(folder: Path) -> list[dict]:
