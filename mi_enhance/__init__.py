@@ -31,6 +31,7 @@ _NAMES = {
     "enhance": "enhance",
     "fit": "fit",
     "train": "train",
+    "search": "search",
     "compare": "compare",
     "shader_ball": "scene",
 }

@@ -135,6 +135,21 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the run: checkpoint and curve")
     add_define(p, "setting, as JSON: -D steps=2000")
 
+    p = add(
+        "search", "find which terms of an analytic model to replace by networks, or go on where a run stopped", device
+    )
+    p.add_argument("model", metavar="MODEL", help="analytic model: ggx, ward, ..., or a text file .toml")
+    p.add_argument(
+        "--data", action="append", default=[], required=True, metavar="FILES", help="to train on; *, ? and .json lists"
+    )
+    p.add_argument("--validation", action="append", default=[], metavar="FILES", help="materials to watch only")
+    p.add_argument("-o", "--output", metavar="NET.bsdf", required=True, help="the network; its run lies in NET.search/")
+    p.add_argument("--workers", type=_positive, default=1, help="processes on this machine (default: %(default)s)")
+    p.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers train the candidates")
+    add_define(
+        p, "setting, as JSON: -D epochs=10 -D max_modules=4 -D nodes_only=true (all: mi_enhance.search.DEFAULTS)"
+    )
+
     text = "SSIM, Delta E_ITP and log-L1 of the enhanced and the analytic model, fitted to measured RGL files"
     p = add("compare", text, network, method, sampled, device)
     p.add_argument("data", metavar="DATA", nargs="+", help="RGL .bsdf")

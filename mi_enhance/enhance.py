@@ -9,16 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import geometry, models, nn, parameters
+from . import features, geometry, models, nn, parameters
+from .features import COLOURLESS, INPUTS
 from .graph import Node
 from .models import Model
 
-INPUTS = ("shape", "symmetric", "directions")
-
-# The quantities that depend on the directions; a term that asks for none of them gets a network without directions.
-_DIRECTIONAL = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
-
-# What the inputs of the networks are made of, see _parameter_features and _directional_features.
+# What "symmetric" and "directions" make the inputs of, see features.py.
 _READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}
 
 # Outputs of a network are logarithms of what they stand for, so every term stays positive and a product of terms is
@@ -40,11 +36,8 @@ class EnhancedBRDF:
         Networks by slot; an empty one is the analytic model itself.
     n_latent : int
         Number of neural parameters per material.
-    inputs : {"symmetric", "shape", "directions"}
-        What the networks see. ``"symmetric"``: features of half vector and difference angle in the material's frame,
-        and all analytic parameters. ``"shape"``: more of these features, but of the parameters only those that shape
-        lobes, never a colour or the frame, so an edit of a colour changes nothing else; besides, ``asymmetry`` lets
-        networks follow files that are not reciprocal. ``"directions"``: the paper's raw directions and parameters.
+    inputs : {"symmetric", "shape", "own", "directions"}
+        What the networks see, see :mod:`mi_enhance.features`.
     """
 
     model: Model
@@ -56,9 +49,10 @@ class EnhancedBRDF:
     def parameters(self) -> tuple[parameters.Parameter, ...]:
         """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``norm_B``, ..."""
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
-        asymmetry = (parameters.ASYMMETRY,) if self.inputs == "shape" and self.networks else ()
+        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.networks else ()
         latent = (parameters.latent(self.n_latent),) if reads_latent else ()
-        norms = (parameters.norm(slot) for slot, mlp in self.networks.items() if mlp.n_folded) if asymmetry else ()
+        directional = (slot for slot, mlp in self.networks.items() if 0 < mlp.n_folded < mlp.sizes[0])
+        norms = map(parameters.norm, directional) if asymmetry else ()
         return (*self.model.parameters, *asymmetry, *latent, *norms)
 
     @property
@@ -75,6 +69,23 @@ class EnhancedBRDF:
     def state(self) -> tuple[int, ...]:
         """Enhancement state: one digit per slot, 1 where a network stands (section 4.1)."""
         return tuple(int(slot in self.networks) for slot in self.model.graph.slots)
+
+    @property
+    def multiply_adds(self) -> int:
+        """Multiply-adds of all networks in one evaluation, once what is constant for a material is folded.
+
+        Examples
+        --------
+        >>> enhance("ggx").multiply_adds
+        4480
+        """
+        total = 0
+        for slot, mlp in self.networks.items():
+            sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])
+            once = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if sizes[0] else 0
+            node = self.model.graph.find(slot)
+            total += once * (3 if node.args and _has_colour(node, self.model) else 1)  # channel by channel
+        return total
 
     def __str__(self) -> str:
         return str(self.model.graph.replace(dict.fromkeys(self.networks)))
@@ -98,12 +109,12 @@ class EnhancedBRDF:
         dict of str to list of mi.Float
         """
         # Operators see their operands only: with no other network the material has no latent numbers to read.
-        features = (
-            _parameter_features(params, self.inputs, self.model)
+        constant = (
+            features.of_parameters(params, self.inputs, self.model)
             if any(m.n_folded for m in self.networks.values())
             else []
         )
-        return {slot: evaluators[slot].fold(features if mlp.n_folded else []) for slot, mlp in self.networks.items()}
+        return {slot: evaluators[slot].fold(constant if mlp.n_folded else []) for slot, mlp in self.networks.items()}
 
     def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """Reflectance f_r.
@@ -147,8 +158,7 @@ class EnhancedBRDF:
         if self.networks:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
-            x = _directional_features(record, self.inputs, wi, wo)
-            stand_ins = {slot: self._function(slot, x, evaluators[slot], folded[slot]) for slot in self.networks}
+            stand_ins = self._functions(record, wi, wo, evaluators, folded)
             graph = graph.replace(stand_ins)
         return graph, record, active
 
@@ -162,22 +172,32 @@ class EnhancedBRDF:
         local_i, local_o = (dr.select(v.z > 0.01, v, up) for v in (frame.to_local(wi), frame.to_local(wo)))
         record = {**geometry.quantities(local_i, local_o), **params}
         folded = self.fold(params, evaluators)
-        x = _directional_features(record, self.inputs, wi, wo)
+        functions = self._functions(record, wi, wo, evaluators, folded)
         # 1e-3: a Fresnel term or an albedo below it is dark; its logarithm need not be met
         log = lambda v: dr.log(v + 1e-3)  # noqa: E731
         error = 0
         for slot in self.networks:
             node = self.model.graph.find(slot)
-            function = self._function(slot, x, evaluators[slot], folded[slot])
+            function = functions[slot]
             value = function(*(a(record) for a in node.args)) if node.args else function(record)
             error += dr.mean(dr.square(log(value) - log(node(record))), axis=None)
         return error
+
+    def _functions(self, record: Mapping, wi, wo, evaluators: Mapping, folded: Mapping) -> dict:
+        """The callables that stand in for the slots with networks."""
+        nodes = [self.model.graph.find(slot) for slot in self.networks]
+        x = features.of_directions(record, self.inputs, wi, wo, nodes)
+        return {slot: self._function(slot, x[slot], evaluators[slot], folded[slot]) for slot in self.networks}
 
     def _function(self, slot: str, x: Sequence, evaluator, bias: Sequence):
         """The callable that stands in for `slot`."""
         if self.model.graph.find(slot).args:
             return lambda a, b: _operator(evaluator, bias, a, b)
         x = x if self.networks[slot].sizes[0] > self.networks[slot].n_folded else []
+        if not x and self.inputs in COLOURLESS:
+            # Colours are no inputs: such a network scales the term it stands for, and f stays linear in its colour.
+            node = self.model.graph.find(slot)
+            return lambda record: node(record) * mi.Color3f(*map(_exp, evaluator(x, bias)))
         name = f"norm_{slot}"
 
         def term(record):
@@ -185,6 +205,11 @@ class EnhancedBRDF:
             return out[0] if len(out) == 1 else mi.Color3f(*out)
 
         return term
+
+
+def _has_colour(node: Node, model: Model) -> bool:
+    colours = {p.name for p in model.parameters if p.is_colour}
+    return any(colours & set(n.inputs) for n in node.walk())
 
 
 def _exp(y):
@@ -205,77 +230,9 @@ def _operator(evaluator, bias, a, b):
     return (type(a) if dr.depth_v(a) > 1 else type(b))(*(one(channel(a, k), channel(b, k)) for k in range(n)))
 
 
-def _lobes(names: Iterable[str]) -> list[str]:
-    """Suffixes of the lobes whose roughness is among `names`: "" for alpha_x, "2" for alpha_x2."""
-    return [suffix for suffix in ("", "2") if f"alpha_x{suffix}" in names]
-
-
-def _shape(model: Model) -> list[parameters.Parameter]:
-    """The parameters that shape the lobes: neither colours nor the frame."""
-    return [p for p in model.parameters if not p.is_colour and p.name not in parameters.FRAME]
-
-
-def _parameter_features(p: Mapping, inputs: str, model: Model) -> list:
-    """The inputs that are constant over a material: from the analytic parameters, then the latent ones.
-
-    The paper's networks read the analytic parameters as they are. In the symmetric form the directions are given in the
-    material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
-    """
-    if inputs == "shape":
-        # 1e-4: sqrt has a finite slope at F0 = 0
-        analytic = [dr.log(p[q.name]) / 4 if q.log else dr.sqrt(p[q.name] + 1e-4) for q in _shape(model)]
-    elif inputs == "directions":
-        frame, colours = [p["n_x"], p["n_y"], p["t_theta"]], [*p["rho_d"], *p["rho_s"]]
-        analytic = [*frame, *colours, p["alpha_x"], p["alpha_y"], p["F0"]]
-    else:
-        log_x, log_y = dr.log(p["alpha_x"]) / 4, dr.log(p["alpha_y"]) / 4
-        # log1p keeps rho_s, which spans 0 to 10, in the range of the others; 1e-4: sqrt has a finite slope at F0 = 0
-        scaled = [dr.log(1 + c) for c in p["rho_s"]]
-        analytic = [log_x, log_y, dr.sqrt(p["F0"] + 1e-4), *p["rho_d"], *scaled, p["alpha_x"], p["alpha_y"], p["F0"]]
-    return [*analytic, *p.get("latent", ())]
-
-
-def _n_parameter_features(model: Model, inputs: str) -> int:
-    return len(_shape(model)) if inputs == "shape" else parameters.count(model.parameters)
-
-
-def _n_directional_features(model: Model, inputs: str) -> int:
-    return 7 + 2 * len(_lobes([p.name for p in model.parameters])) if inputs == "shape" else 6
-
-
-def _directional_features(q: Mapping, inputs: str, wi, wo) -> list:
-    """Features of a pair of directions in the material's frame, symmetric in wi and wo: reciprocity for free.
-
-    Measured files are not reciprocal themselves: two features of ``"shape"``, scaled by a parameter, follow them.
-    For alpha_x = alpha_y none of them depends on the azimuth of h: such a material is exactly isotropic.
-    """
-    if inputs == "directions":
-        return [*wi, *wo]
-    h = q["h"]
-    product = q["cos_theta_i"] * q["cos_theta_o"]
-    features = [dr.square(h.x) + dr.square(h.y)]  # sin^2 theta_h
-    for lobe in _lobes(q) if inputs == "shape" else ("",):
-        a_x, a_y = q[f"alpha_x{lobe}"], q[f"alpha_y{lobe}"]
-        u, v = dr.square(h.x / a_x), dr.square(h.y / a_y)
-        features += [
-            dr.log(1 + u + v) / 5,  # theta_h relative to the width of the lobe; /5: alpha = 1e-3 gives 2.8
-            (u - v) / (1 + u + v) * (a_y - a_x) / (a_x + a_y),  # azimuth of h, vanishing with the anisotropy
-        ]
-    # 1e-4: log has a finite slope at the horizon
-    features += [q["cos_theta_d"], product, dr.log(product + 1e-4) / 5]
-    if inputs == "shape":
-        # sin theta_d: retro-reflection is a cusp at theta_d = 0, where the cosine is flat; 1e-4: a finite slope there
-        features.append(dr.sqrt(1 - dr.square(q["cos_theta_d"]) + 1e-4))
-        # What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal.
-        cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
-        features.append(q["asymmetry"] * (cos_i - cos_o))
-        features.append(q["asymmetry"] * dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5)
-    return features
-
-
 def enhance(
     model: Model | str,
-    replace: Iterable[str] = ("F", "F*G", "G", "1/E"),
+    replace: Iterable[str] | Mapping[str, Sequence[int]] = ("F", "F*G", "G", "1/E"),
     *,
     n_latent: int = 27,
     hidden: Sequence[int] = nn.HIDDEN,
@@ -289,13 +246,14 @@ def enhance(
     ----------
     model : Model or str
         An analytic model or its name.
-    replace : iterable of str
-        Slots to replace; the default is the paper's final state.
+    replace : iterable of str, or dict of str to sequence of int
+        Slots to replace, all by networks of the sizes `hidden` or each by one of its own; the default is the paper's
+        final state.
     n_latent : int
         Neural parameters per material.
     hidden : sequence of int
         Hidden layer sizes.
-    inputs : {"symmetric", "shape", "directions"}
+    inputs : {"symmetric", "shape", "own", "directions"}
         See :class:`EnhancedBRDF`.
     modulated : bool
         Let the last layer of the networks of terms belong to the material, see :class:`mi_enhance.nn.MLP`.
@@ -322,28 +280,30 @@ def enhance(
     model = models.get(model) if isinstance(model, str) else model
     if inputs not in INPUTS:
         raise ValueError(f'enhance(): inputs="{inputs}" is unknown. Choose one of: {", ".join(INPUTS)}.')
-    replace = set(replace)
+    replace = dict(replace) if isinstance(replace, Mapping) else dict.fromkeys(replace, hidden)
     for name in sorted(replace):
         model.graph.find(name)
     missing = _READ_BY_NETWORKS - {p.name for p in model.parameters}
-    if replace and missing and inputs != "shape":
+    if replace and missing and inputs not in COLOURLESS:
         raise ValueError(
             f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
             'Use inputs="shape", or the model as it is, replace=().'
         )
     extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - set(parameters.FRAME)
-    if extra and inputs != "shape" and not all(model.graph.find(name).args for name in replace):
+    if extra and inputs not in COLOURLESS and not all(model.graph.find(name).args for name in replace):
         raise ValueError(
             f'enhance(): inputs="{inputs}" has no place for {", ".join(sorted(extra))} of model "{model.name}". '
             'Use inputs="shape".'
         )
     rng = np.random.default_rng(seed)
-    n_params, n_directional = _n_parameter_features(model, inputs) + n_latent, _n_directional_features(model, inputs)
+    n_params = features.n_of_parameters(model, inputs) + n_latent
     networks = {}
     for node in model.graph.walk():
         if node.name in replace:
-            folded, varying, out = _sizes(node, n_params, n_directional)
-            networks[node.name] = nn.xavier((folded + varying, *hidden, out), folded, rng, modulated and folded > 0)
+            folded, varying, out = _sizes(node, n_params, features.n_of_directions(model, inputs, node))
+            networks[node.name] = nn.xavier(
+                (folded + varying, *replace[node.name], out), folded, rng, modulated and folded > 0
+            )
     return EnhancedBRDF(model, networks, n_latent, inputs)
 
 
@@ -351,6 +311,6 @@ def _sizes(node: Node, n_params: int, n_directional: int) -> tuple[int, int, int
     """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
     if node.args:
         return 0, 2, 1
-    directional = bool(_DIRECTIONAL & set(node.inputs))
-    # A term without directions stands for a colour (M, S); with directions for a scalar (D, F, G, 1/E).
+    directional = bool(geometry.QUANTITIES & set(node.inputs))
+    # A term without directions gets a network without directions, and stands for a colour (M, S); others are scalars.
     return n_params, n_directional if directional else 0, 1 if directional else 3

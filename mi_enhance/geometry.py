@@ -60,6 +60,10 @@ def frame_of(params: Mapping) -> mi.Frame3f:
     return frame(params["n_x"], params["n_y"], params["t_theta"])
 
 
+# What terms can ask for that depends on the directions: the keys of quantities().
+QUANTITIES = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
+
+
 def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
     """All directional quantities that terms and networks can ask for by name.
 

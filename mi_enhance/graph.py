@@ -30,6 +30,8 @@ class Node:
         Names of the quantities a term depends on; by default the arguments of `fn`. Replacing `fn` keeps them.
     replaced : bool
         True once :meth:`replace` has exchanged `fn`; such a slot prints in brackets.
+    label : str
+        What a term prints as, if not as its name.
 
     Examples
     --------
@@ -47,6 +49,7 @@ class Node:
     symbol: str = ""
     inputs: tuple[str, ...] | None = None
     replaced: bool = False
+    label: str = ""
 
     def __post_init__(self):
         if self.inputs is None:
@@ -109,8 +112,17 @@ class Node:
             return dataclasses.replace(self, args=args)
         return dataclasses.replace(self, args=args, fn=functions[self.name], replaced=True)
 
+    def exchange(self, name: str, term: Callable, label: str, inputs: tuple[str, ...] | None = None) -> Node:
+        """Return a copy whose term `name` is another analytic one, printed as `label`."""
+        self.find(name)
+        if self.args:
+            return dataclasses.replace(
+                self, args=tuple(a.exchange(name, term, label, inputs) if name in a.slots else a for a in self.args)
+            )
+        return Node(name, term, inputs=inputs, label=label)
+
     def __str__(self) -> str:
-        label = self.symbol or self.name
+        label = self.symbol or self.label or self.name
         label = f"[{label}]" if self.replaced else label
         return f" {label} ".join(map(str, self.args)) if self.args else label
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import models, nn, parameters
+from . import alternatives, models, nn, parameters
 from ._files import DEFAULT_NETWORK, network_file
 from .data import tensor_file
 from .data._io import replacing, require_file
 from .enhance import EnhancedBRDF, enhance
 
-FORMAT = 1  # of the files; a reader refuses what is newer
+FORMAT = 2  # of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`
 _KIND = "mi_enhance material"
 
 
@@ -223,8 +223,8 @@ class Material:
             "format": FORMAT,
             "equation": str(brdf),
             "model": brdf.model.name,
-            "replace": list(brdf.networks),
-            "hidden": list(next(iter(brdf.networks.values())).sizes[1:-1]) if brdf.networks else [],
+            "terms": dict(brdf.model.terms),
+            "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.networks.items()},
             "n_latent": brdf.n_latent,
             "inputs": brdf.inputs,
             "modulated": any(mlp.modulated for mlp in brdf.networks.values()),
@@ -253,22 +253,23 @@ def _read_description(text: bytes, where: str) -> dict:
 def _template(description: dict, where: str) -> EnhancedBRDF:
     """The BRDF that a description stands for, with arbitrary weights: it knows every shape."""
     try:
-        hidden = [int(n) for n in description["hidden"]]
+        replace, n_latent = description["replace"], description["n_latent"]
+        if isinstance(replace, list):
+            replace = dict.fromkeys(replace, description["hidden"])
         # before any array is made: a few characters must not ask for all the memory there is
-        if len(hidden) > 8 or any(not 0 < n <= 1024 for n in hidden) or not 0 <= description["n_latent"] <= 1024:
-            raise ValueError(
-                f"{len(hidden)} hidden layers {hidden[:8]} or n_latent {description['n_latent']} out of range: at most "
-                "8 layers of 1 to 1024, n_latent 0 to 1024"
-            )
+        for slot, hidden in replace.items():
+            if not 1 <= len(hidden) <= 8 or any(not 0 < int(n) <= 1024 for n in hidden):
+                raise ValueError(f"hidden layers {hidden[:8]} of {slot} out of range: 1 to 8 layers of 1 to 1024")
+        if not 0 <= n_latent <= 1024:
+            raise ValueError(f"n_latent {n_latent} out of range: 0 to 1024")
         return enhance(
-            models.get(description["model"]),
-            description["replace"],
-            n_latent=description["n_latent"],
-            hidden=hidden or nn.HIDDEN,
+            alternatives.with_terms(models.get(description["model"]), description.get("terms", {})),
+            {slot: [int(n) for n in hidden] for slot, hidden in replace.items()},
+            n_latent=n_latent,
             inputs=description["inputs"],
             modulated=bool(description.get("modulated", False)),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{where}: its description cannot be understood: {error}.") from error
 
 

@@ -27,7 +27,12 @@ def lobes_of_abc(params: Mapping) -> list[tuple]:
     Its peak is narrow and its tail wide; the geometric mean of the alpha with the same half width at half maximum and
     of the alpha with half of the weight inside the same angle halves the noise of the former where tails are wide.
     """
-    B, C = params["B"], params["C"]
+    alpha = alpha_of_abc(params["B"], params["C"])
+    return [(params["A"] * (4 * alpha * alpha), alpha, alpha)]  # rho_s / (4 pi alpha^2) = A / pi
+
+
+def alpha_of_abc(B, C):
+    """Roughness of the GGX lobe that covers the ABC distribution, see :func:`lobes_of_abc`."""
     # x = 1 - cos(theta_h). Half the maximum: (1 + B x)^-C = 1/2; of GGX: sin^2 (1 - alpha^2) = alpha^2 (sqrt(2) - 1).
     x = dr.minimum((dr.exp2(dr.rcp(C)) - 1) / B, 1)
     sin2 = x * (2 - x)
@@ -39,8 +44,7 @@ def lobes_of_abc(params: Mapping) -> list[tuple]:
     x = dr.minimum((dr.exp(dr.log(0.5 * (1 + dr.exp(k))) / k * length) - 1) / B, 1)
     half2 = x * (2 - x)
     # 1e-4: where Mitsuba's own microfacet distribution ends
-    alpha = dr.maximum(dr.sqrt(dr.sqrt(peak2 * half2)), 1e-4)
-    return [(params["A"] * (4 * alpha * alpha), alpha, alpha)]  # rho_s / (4 pi alpha^2) = A / pi
+    return dr.maximum(dr.sqrt(dr.sqrt(peak2 * half2)), 1e-4)
 
 
 # The loss has a local minimum for each lobe width it can explain: one start for each.
@@ -101,6 +105,10 @@ class Model:
         ``lobes(params) -> [(rho_s, alpha_x, alpha_y), ...]``: GGX lobes that cover the model's own, for sampling.
     v_cavity : bool
         True if the model masks with V-cavities: visible normals are then drawn with theirs instead of Smith's.
+    terms : dict of str to str
+        Slots that hold another analytic term than the model's own, see :mod:`mi_enhance.alternatives`.
+    extra : tuple of str
+        Names of the parameters that those terms brought; networks do not read them.
 
     Examples
     --------
@@ -117,6 +125,9 @@ class Model:
     starts: tuple[dict[str, float], ...] = _ROUGHNESSES
     lobes: Callable[[Mapping], list[tuple]] = lobes_of_alpha
     v_cavity: bool = False
+    terms: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    extra: tuple[str, ...] = ()
+    text: str = ""
 
     def __str__(self) -> str:
         return str(self.graph)

@@ -50,7 +50,9 @@ DEFAULTS = {
 _EVERY = (1000, 4)  # steps to a checkpoint, and checkpoints to a validation, which takes as long as 200 steps
 _REFIT_AT_ONCE = 128  # materials: bounds the memory of their Jacobians
 _START_SAMPLES = 1024  # per material, for the analytic fit that training starts from
-_WARM_UP = 200  # steps in which the rates rise: Adam's first steps, before its moments mean anything, can kill a lobe
+# Steps, at most a quarter of all, in which the rates rise: Adam's first, before its moments mean anything, can kill a
+# lobe.
+_WARM_UP = 200
 
 
 class Trainer:
@@ -113,7 +115,7 @@ class Trainer:
         """Take one step and return the loss of every material before it."""
         loss, weights, params = self.gradients()
         fall = 0.01 + 0.99 * 0.5 * (1 + np.cos(np.pi * min(self.step / self.config["steps"], 1)))
-        fall *= min(1, (self.step + 1) / _WARM_UP)
+        fall *= min(1, (self.step + 1) / min(_WARM_UP, max(1, self.config["steps"] // 4)))
         rates = {"weights": self.config["lr"], "parameters": self.config["lr_parameters"]}
         self.optimizer.set_learning_rate({key: float(rate * fall) for key, rate in rates.items()})
         for key, gradient in (("weights", weights), ("parameters", params)):
@@ -135,7 +137,7 @@ class Trainer:
         u = space.to(self.parameters())
         for first in range(0, self.n_materials, _REFIT_AT_ONCE):
             part = slice(first, first + _REFIT_AT_ONCE)
-            problem = Objective(brdf, *_first_samples(self.samples, n, part), n)
+            problem = Objective(brdf, *first_samples(self.samples, n, part), n)
             tries = [
                 levenberg.minimize(problem.loss, problem.normal_equations, v[part], space.low, space.high, steps=10)
                 for v in (u, self._start)
@@ -156,7 +158,7 @@ class Trainer:
         """The network as it is shipped: weights, where fits start, and how it was made, its `curve` included."""
         seen = self.step * self.n_materials * self.config["batch"]
         report = {"config": self.config, "steps": self.step, "samples_seen": seen, "curve": list(curve)}
-        keep = _representative(self.samples.kinds)
+        keep = representative(self.samples.kinds)
         return Material(
             self.result(),
             {},
@@ -253,9 +255,9 @@ def train(
         trainer.resume(checkpoint)
     else:
         brdf = imitate(brdf, steps=config["imitation_steps"], seed=config["seed"])
-        trainer = Trainer(brdf, samples, config, _analytic(brdf, samples))
+        trainer = Trainer(brdf, samples, config, analytic_start(brdf, samples))
     unseen = read(config["validation"]) if config["validation"] and trainer.step < config["steps"] else None
-    unseen_start = _analytic(brdf, unseen) if unseen else None
+    unseen_start = analytic_start(brdf, unseen) if unseen else None
     refits = {config["steps"] * k // (config["refits"] + 1) for k in range(1, config["refits"] + 1)}
     start, first, losses = time.perf_counter(), trainer.step, []
     for _ in (steps := bar(range(trainer.step, config["steps"]), desc="train")):
@@ -267,7 +269,8 @@ def train(
             mean, seconds = float(np.mean(losses)), time.perf_counter() - start
             record = {"step": trainer.step, "loss": mean, **_by_kind(samples.kinds, np.mean(losses, 0))}
             if unseen and (last or trainer.step % (every[0] * every[1]) == 0):
-                record |= _validate(trainer.result(), unseen, unseen_start)
+                losses_unseen = _by_kind(unseen.kinds, validate(trainer.result(), unseen, unseen_start))
+                record |= {f"validation {kind}": loss for kind, loss in losses_unseen.items()}
             with open(folder / "curve.jsonl", "a") as curve:
                 curve.write(json.dumps({**record, "seconds": round(seconds, 1)}) + "\n")
             if progress:
@@ -314,16 +317,25 @@ def _no_collection():
             gc.enable()
 
 
-def _analytic(brdf: EnhancedBRDF, samples: TrainingSet) -> np.ndarray:
-    """Where the materials start: the best fit of the analytic model, latent numbers at their initial value."""
+def analytic_start(brdf: EnhancedBRDF, samples: TrainingSet, cache: Path | None = None) -> np.ndarray:
+    """Where the materials start: the best fit of the analytic model, latent numbers at their initial value.
+
+    With `cache`, a ``.npy`` file, the analytic fits are kept there or taken from there.
+    """
     n = min(_START_SAMPLES, samples.n_samples)
-    analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *_first_samples(samples, n), n)
+    if cache and cache.exists():
+        analytic = np.load(cache, allow_pickle=False)
+    else:
+        analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *first_samples(samples, n), n)
+    if cache and not cache.exists():
+        with replacing(cache) as temporary:
+            np.save(temporary, analytic)
     start = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (len(analytic), 1))
     start[:, : analytic.shape[1]] = analytic
     return start
 
 
-def _representative(kinds: list[str]) -> np.ndarray:
+def representative(kinds: list[str]) -> np.ndarray:
     """Materials that fits start from: all measured ones, and of the made-up ones as many, evenly spaced."""
     made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes", "assorted") for kind in kinds])
     measured, rest = np.flatnonzero(~made_up), np.flatnonzero(made_up)
@@ -331,17 +343,17 @@ def _representative(kinds: list[str]) -> np.ndarray:
     return np.sort(np.append(measured, rest[np.linspace(0, len(rest) - 1, n).astype(int)] if n else rest))
 
 
-def _validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> dict[str, float]:
-    """Mean loss of materials the networks do not train on, each fitted from its analytic fit."""
+def validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> np.ndarray:
+    """Loss of materials the networks do not train on, (M,), each fitted by a few steps from `start`."""
     n = min(_START_SAMPLES, samples.n_samples)
-    problem = Objective(brdf, *_first_samples(samples, n), n)
+    problem = Objective(brdf, *first_samples(samples, n), n)
     _, losses = levenberg.minimize(
         problem.loss, problem.normal_equations, problem.space.to(start), problem.space.low, problem.space.high, steps=20
     )
-    return {f"validation {kind}": loss for kind, loss in _by_kind(samples.kinds, losses).items()}
+    return losses
 
 
-def _first_samples(samples: TrainingSet, n: int, materials=slice(None)) -> tuple:
+def first_samples(samples: TrainingSet, n: int, materials=slice(None)) -> tuple:
     """wi, wo and f of the first n samples of the materials, as Dr.Jit arrays."""
     rows = samples.samples.reshape(9, -1, samples.n_samples)[:, materials, :n].reshape(9, -1)
     return tuple(

@@ -225,20 +225,22 @@ def test_wrong_tensors_are_refused(saved, changed, message):
         ("{}", "its description is not one of a material"),
         ("[" * 200_000, "its description is not one of a material"),
         ({"kind": "something else"}, 'its description says kind "something else"; "mi_enhance material" is needed'),
-        ({"format": 2}, r"file format 2 is newer than this package reads \(1\)\. Upgrade mi_enhance"),
+        ({"format": 3}, r"file format 3 is newer than this package reads \(2\)\. Upgrade mi_enhance"),
         ({"format": "1"}, "its description says"),
         ({"model": "phong"}, 'cannot be understood: .*unknown model "phong"'),
         ({"model": ["ggx"]}, "cannot be understood"),
-        ({"replace": ["X"]}, 'cannot be understood: .*"X" is not a slot'),
+        ({"replace": {"X": [4]}}, 'cannot be understood: .*"X" is not a slot'),
+        ({"replace": ["X"], "hidden": [4]}, 'cannot be understood: .*"X" is not a slot'),
+        ({"terms": {"D": "D_phong"}}, 'cannot be understood: .*unknown term "D_phong"'),
+        ({"terms": {"F*G": "D_ggx"}}, "cannot be understood: .*is an operator"),
+        ({"terms": 5}, "cannot be understood"),
         ({"replace": 5}, "cannot be understood"),
-        (
-            {"hidden": [10**9]},
-            r"1 hidden layers \[1000000000\] or n_latent 27 out of range: at most 8 layers of 1 to 1024",
-        ),
-        ({"hidden": [1024] * 100_000}, "hidden layers .* out of"),
-        ({"hidden": [-1]}, "hidden layers .* out of"),
-        ({"hidden": "16"}, "out of|should have shape"),
-        ({"hidden": None}, "cannot be understood"),
+        ({"replace": {"G": [10**9]}}, r"hidden layers \[1000000000\] of G out of range: 1 to 8 layers of 1 to 1024"),
+        ({"replace": {"G": [1024] * 100_000}}, "hidden layers .* out of"),
+        ({"replace": {"G": [-1]}}, "hidden layers .* out of"),
+        ({"replace": {"G": []}}, "hidden layers .* out of"),
+        ({"replace": {"G": "16"}}, "out of|should have shape"),
+        ({"replace": {"G": None}}, "cannot be understood"),
         ({"n_latent": 10**9}, "n_latent 1000000000 out of"),
         ({"n_latent": 2.5}, "cannot be understood"),
         ({"inputs": "angles"}, 'inputs="angles" is unknown'),
@@ -256,7 +258,7 @@ def test_hostile_description_is_refused(saved, description, message):
 
 def test_description_without_an_entry_is_refused(saved):
     text = json.loads(fields(saved)["description"].tobytes())
-    for key in ("kind", "format", "model", "replace", "hidden", "n_latent", "inputs", "lobe_albedo"):
+    for key in ("kind", "format", "model", "replace", "n_latent", "inputs", "lobe_albedo"):
         refuse(rewrite(saved, json.dumps({k: v for k, v in text.items() if k != key})), "description|lobe_albedo")
 
 

@@ -26,8 +26,8 @@ from pathlib import Path
 
 import numpy as np
 
-from . import Measurements, load, nbrdf, nps
-from ._io import replacing
+from . import Measurements, load, names, nbrdf, nps
+from ._io import replacing, require_file
 from .assorted import assorted, warp
 from .sampling import cosine_hemisphere, sample_pairs
 from .synthetic import ggx_anisotropic, two_lobes
@@ -60,6 +60,58 @@ class TrainingSet:
         part = self.samples[:, k * self.n_samples : (k + 1) * self.n_samples].T
         return Measurements(part[:, :3], part[:, 3:6], part[:, 6:], self.names[k], "training set")
 
+    def split(self, n: int) -> tuple[TrainingSet, TrainingSet]:
+        """The first `n` samples of every material, and the rest."""
+        rows = self.samples.reshape(9, -1, self.n_samples)
+        first, rest = (np.ascontiguousarray(part.reshape(9, -1)) for part in (rows[:, :, :n], rows[:, :, n:]))
+        return (
+            TrainingSet(self.names, self.kinds, first, n),
+            TrainingSet(self.names, self.kinds, rest, self.n_samples - n),
+        )
+
+    def save(self, path: Path) -> None:
+        """Write one file, replaced as a whole."""
+        with replacing(path) as temporary:
+            np.savez(temporary, names=np.array(self.names), kinds=np.array(self.kinds), samples=self.samples)
+
+    @staticmethod
+    def read(path: Path) -> TrainingSet:
+        """The inverse of :meth:`save`."""
+        with np.load(path, allow_pickle=False) as stored:
+            names, samples = stored["names"].tolist(), stored["samples"]
+            return TrainingSet(names, stored["kinds"].tolist(), samples, samples.shape[1] // len(names))
+
+
+def gather(materials: list[Measurements], n_samples: int, seed: int) -> TrainingSet:
+    """A training set of measurements at hand: `n_samples` of each at random, repeated where there are fewer."""
+    rng = np.random.default_rng(seed)
+    order = [rng.permutation(len(m.f)) for m in materials]
+    rows = [_rows(m, np.resize(index, n_samples)) for m, index in zip(materials, order, strict=True)]
+    return TrainingSet([m.name for m in materials], ["given"] * len(materials), np.concatenate(rows, axis=1), n_samples)
+
+
+def _rows(m: Measurements, index: np.ndarray) -> np.ndarray:
+    """wi, wo, f of the samples `index` as rows, from the start again where a table has fewer."""
+    return np.concatenate([m.wi, m.wo, m.f], axis=1)[index % len(m.f)].T
+
+
+def sources_of(path: str | Path) -> list[dict]:
+    """The sources, as :func:`build` takes them, of all materials in a file; a ``.json`` file lists sources itself."""
+    where = f'training set "{path}"'
+    path = require_file(path, where)
+    if path.suffix == ".json":
+        try:
+            sources = json.loads(path.read_text())
+        except ValueError as error:
+            raise ValueError(f"{where}: no JSON ({error}).") from None
+        if not (isinstance(sources, list) and all(isinstance(s, dict) and "kind" in s for s in sources)):
+            raise ValueError(f'{where}: must be a list of sources, [{{"kind": "nps", "path": ...}}, ...].')
+        return sources
+    found = names(path)
+    if len(found) == 1:
+        return [{"kind": "file", "path": str(path)}]
+    return [{"kind": "file", "path": str(path), "material": name} for name in found]
+
 
 def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progress: Callable = iter) -> TrainingSet:
     """Decode all materials of `sources`, or read them from `cache` if that has been done before.
@@ -90,21 +142,20 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
     key = json.dumps([3, sources, n_samples, seed], sort_keys=True)
     file = Path(cache) / f"training-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
     if file.exists():
-        with np.load(file, allow_pickle=False) as stored:
-            return TrainingSet(stored["names"].tolist(), stored["kinds"].tolist(), stored["samples"], n_samples)
+        return TrainingSet.read(file)
     per_source = [_jobs(source, n_samples, seed + 1000 * k) for k, source in enumerate(sources)]
     kinds = [source["kind"] for source, jobs in zip(sources, per_source, strict=True) for _ in jobs]
     jobs = [job for some in per_source for job in some]
     samples = np.empty((9, len(jobs) * n_samples), np.float32)
-    names = []
+    materials = []
     for k, job in enumerate(progress(jobs)):
         m = job()
-        names.append(m.name)
-        samples[:, k * n_samples : (k + 1) * n_samples] = np.concatenate([m.wi, m.wo, m.f], axis=1).T
+        materials.append(m.name)
+        samples[:, k * n_samples : (k + 1) * n_samples] = _rows(m, np.arange(n_samples))
     file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as temporary:
-        np.savez(temporary, names=np.array(names), kinds=np.array(kinds), samples=samples)
-    return TrainingSet(names, kinds, samples, n_samples)
+    training_set = TrainingSet(materials, kinds, samples, n_samples)
+    training_set.save(file)
+    return training_set
 
 
 def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:

@@ -160,7 +160,7 @@ def _run_material(start: Material, args) -> Callable:
             material.report["seconds"],
             brdf.n_parameters,
             4 * brdf.n_weights,
-            multiply_adds(material),
+            material.brdf.multiply_adds,
             material,
         )
 
@@ -173,25 +173,6 @@ def evaluate(material: Material, wi, wo) -> np.ndarray:
     dr.disable_grad(evaluators.weights)
     wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
     return np.array(material.brdf(wi, wo, _lanes(material), evaluators)).T
-
-
-def multiply_adds(material: Material) -> int:
-    """Multiply-adds of all networks in one evaluation; an operator that sees colours runs three times."""
-    counts = []
-
-    class Counter(nn.Baked):
-        def __init__(self, mlp):
-            super().__init__(mlp)
-            sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])  # a modulated last layer is one like any, once folded
-            self.count = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False))
-
-        def __call__(self, x, bias):
-            counts.append(self.count)
-            return super().__call__(x, bias)
-
-    up = mi.Vector3f(0, 0, 1)
-    material.brdf(up, up, _lanes(material), material.brdf.evaluators(Counter))
-    return sum(counts)
 
 
 def _lanes(material: Material) -> dict:

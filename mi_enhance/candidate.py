@@ -1,0 +1,211 @@
+"""One candidate of a search: a state trained for some epochs from where its parent stands, and judged (section 4.2).
+
+Everything a candidate needs lies in the folder of the search, everything it finds is written there, so it can run in
+any process on any machine that sees the folder, be killed, and go on elsewhere with the same result.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import gc
+import json
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import alternatives, models, nn, parameters, state
+from .data._io import replacing
+from .data.training import TrainingSet
+from .enhance import EnhancedBRDF, enhance
+from .imitate import imitate
+from .objective import Objective
+from .train import Trainer, first_samples
+
+_JUDGED_AT_ONCE = 1 << 19  # lanes: bounds the memory of a judgement
+_SAVES = 4  # checkpoints of one candidate
+_lock = threading.Lock()  # a worker process may have several threads; Dr.Jit records one step at a time
+
+
+def train_candidate(folder: str, stage: int, digits: state.State, parent: state.State, variant: str, threads: int):
+    """Train one state of a stage and judge it, or go on where that stopped.
+
+    Parameters
+    ----------
+    folder : str
+        Of the search, as :mod:`mi_enhance.search` prepares it.
+    stage : int
+        From 1; the parent is a candidate of the stage before.
+    digits, parent : tuple of int
+        The state, and the one it inherits weights and parameters from.
+    variant : str
+        Mitsuba variant that the worker sets for itself.
+    threads : int
+        Of Dr.Jit in this process; 0 leaves them as they are.
+
+    Returns
+    -------
+    dict
+        ``digits``, ``stage``, ``loss`` (eq. 1 on the samples kept aside, mean over materials; infinite if the training
+        diverged), ``training`` (mean of the last tenth of its steps), ``cost``, ``seconds`` of the steps.
+    """
+    with _lock:
+        mi.set_variant(variant)
+        if threads:
+            dr.set_thread_count(threads)
+        result = _train(Path(folder), stage, digits, parent)
+        gc.collect()  # the frozen steps of this trainer
+        return result
+
+
+def candidate_folder(folder: Path, stage: int, digits: state.State) -> Path:
+    return folder / f"stage-{stage:02d}" / state.name(digits)
+
+
+def _train(folder: Path, stage: int, digits: state.State, parent: state.State) -> dict:
+    own = candidate_folder(folder, stage, digits)
+    file, checkpoint = own / "result.json", own / "checkpoint.npz"
+    if file.exists():
+        return json.loads(file.read_text())
+    own.mkdir(parents=True, exist_ok=True)
+    setup = Setup.of(folder)
+    samples, aside = setup.samples
+    brdf, start = inherit(setup, folder, stage, digits, parent)
+    steps = setup.steps
+    config = {**setup.settings, "steps": steps, "seed": setup.settings["seed"] + stage}
+    trainer = Trainer(brdf, samples, config, start)
+    if checkpoint.exists():
+        trainer.resume(checkpoint)
+    begun, losses = time.perf_counter(), []
+    every = max(1, steps // _SAVES)
+    while trainer.step < steps:
+        losses.append(trainer.advance().mean())
+        if trainer.step % every == 0 or trainer.step == steps:
+            trainer.save(checkpoint)
+            _write(own / "progress.json", {"step": trainer.step, "loss": float(np.mean(losses[-every:]))})
+    seconds = time.perf_counter() - begun
+    result = {
+        "digits": list(digits),
+        "stage": stage,
+        "loss": judge(trainer.result(), trainer.parameters(), aside),
+        "training": float(np.mean(losses[-max(1, steps // 10) :])) if losses else None,
+        "cost": cost(trainer.result(), trainer.parameters(), setup.settings["cost"]),
+        "seconds": round(seconds, 2),
+    }
+    _write(file, result)
+    return result
+
+
+class Setup:
+    """What all candidates of a search share, read once per process: settings, model, choices, samples."""
+
+    def __init__(self, folder: Path):
+        self.settings = json.loads((folder / "search.json").read_text())
+        self.model = models.get(self.settings["model"])
+        names = ("modules", "alternatives", "fixed", "nodes_only")
+        self.choices = state.choices(self.model, **{name: self.settings[name] for name in names})
+        self.build = {name: self.settings[name] for name in ("inputs", "modulated", "n_latent", "seed")}
+        self.samples = TrainingSet.read(folder / "samples.npz").split(self.settings["n_samples"])
+        self.steps = max(1, round(self.settings["epochs"] * self.settings["n_samples"] / self.settings["batch"]))
+
+    @staticmethod
+    @functools.lru_cache(maxsize=1)
+    def of(folder: Path) -> Setup:
+        return Setup(folder)
+
+
+def inherit(setup: Setup, folder: Path, stage: int, digits: state.State, parent: state.State):
+    """The BRDF of a state and the parameters of all materials, as far as possible those of the parent.
+
+    What is new starts as what it replaces: a network imitates its term or operator, another analytic term takes the
+    parameters with which it resembles the usual one.
+    """
+    template = state.build(setup.model, parent, setup.choices, **setup.build)
+    before, values = restore(template, candidate_folder(folder, stage - 1, parent) / "checkpoint.npz")
+    brdf = state.build(setup.model, digits, setup.choices, **setup.build)
+    return started(setup, folder, brdf, before.networks), _carry(values, before, brdf)
+
+
+def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.ndarray]:
+    """The BRDF with the weights of a checkpoint, and the parameters of all materials, (M, P)."""
+    with np.load(checkpoint, allow_pickle=False) as stored:
+        flat, values = stored["weights"], stored["parameters"].astype(np.float64)
+    values = values.reshape(template.n_parameters, -1).T.copy()
+    brdf = dataclasses.replace(template, networks=nn.unflatten(template.networks, flat))
+    return brdf, parameters.Space(template.parameters).back(values)
+
+
+def started(setup: Setup, folder: Path, brdf: EnhancedBRDF, kept: Mapping[str, nn.MLP]) -> EnhancedBRDF:
+    """`brdf` with the networks of `kept` where they fit, and others that imitate what they replace."""
+    networks = {}
+    for slot, mlp in brdf.networks.items():
+        same = slot in kept and kept[slot].sizes == mlp.sizes
+        networks[slot] = kept[slot] if same else _imitation(setup, folder, slot, mlp.sizes[1:-1])
+    return dataclasses.replace(brdf, networks=networks)
+
+
+def _carry(old: np.ndarray, before: EnhancedBRDF, brdf: EnhancedBRDF) -> np.ndarray:
+    """Parameters of all materials by name, (M, P); new ones at their initial or resembling value."""
+    known = parameters.unflatten(before.parameters, old.T)
+    columns = {p.name: np.full((p.size, len(old)), p.initial) for p in brdf.parameters}
+    usual = {name: np.asarray(v)[0] for name, v in known.items() if len(np.atleast_2d(v)) == 1}
+    for slot, term in brdf.model.terms.items():
+        if before.model.terms.get(slot) != term:
+            started = alternatives.start(brdf.model, slot, term, usual)
+            columns |= {name: np.atleast_2d(v) for name, v in started.items()}
+    columns |= {name: np.atleast_2d(v) for name, v in known.items() if name in columns}
+    return np.concatenate([columns[p.name] for p in brdf.parameters]).T
+
+
+def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -> nn.MLP:
+    """A network that has learned the term or operator in `slot`; once for each slot and size, kept on disk."""
+    place = setup.model.graph.slots.index(slot)
+    file = folder / "imitations" / f"{place}-{'x'.join(map(str, hidden))}.npz"
+    alone = enhance(setup.model, {slot: hidden}, **setup.build)
+    if not file.exists():
+        taught = imitate(alone, steps=setup.settings["imitation_steps"], seed=setup.settings["seed"])
+        file.parent.mkdir(exist_ok=True)
+        with replacing(file) as temporary:
+            np.savez(temporary, weights=nn.flatten(taught.networks))
+    with np.load(file, allow_pickle=False) as stored:
+        return nn.unflatten(alone.networks, stored["weights"])[slot]
+
+
+def judge(brdf: EnhancedBRDF, values: np.ndarray, samples: TrainingSet) -> float:
+    """Mean loss (eq. 1) of materials with parameters (M, P) on their samples; infinite where it is not a number."""
+    n, space = samples.n_samples, parameters.Space(brdf.parameters)
+    at_once = max(1, _JUDGED_AT_ONCE // n)
+    losses = []
+    for first in range(0, len(values), at_once):
+        part = slice(first, first + at_once)
+        losses.append(Objective(brdf, *first_samples(samples, n, part), n).loss(space.to(values[part])))
+    mean = float(np.concatenate(losses).mean())
+    return mean if np.isfinite(mean) else float("inf")
+
+
+def cost(brdf: EnhancedBRDF, values: np.ndarray, how: str) -> float:
+    """Cost of one evaluation: thousands of multiply-adds, or (``"measured"``) nanoseconds in a kernel of its own."""
+    if how == "multiply-adds":
+        return brdf.multiply_adds / 1000
+    n = 1 << 18
+    rng = np.random.default_rng(0)
+    wi, wo = (mi.warp.square_to_uniform_hemisphere(mi.Point2f(rng.random((2, n)).astype(np.float32))) for _ in "io")
+    row = [mi.Float(float(v)) for v in values[0]]
+    dr.make_opaque(row, wi, wo)
+    seconds = []
+    for _ in range(7):
+        begun = time.perf_counter()
+        dr.eval(brdf(wi, wo, parameters.unflatten(brdf.parameters, row)))
+        dr.sync_thread()
+        seconds.append(time.perf_counter() - begun)
+    return float(np.median(seconds[2:])) / n * 1e9
+
+
+def _write(path: Path, content: dict) -> None:
+    with replacing(path) as temporary:
+        Path(temporary).write_text(json.dumps(content) + "\n")

@@ -1,0 +1,323 @@
+"""Hypercube search: which slots of an analytic model to replace, and by what (paper, section 4.2).
+
+All states within a Hamming distance of the current one are trained for some epochs from where it stands; the best
+becomes current, until the current one wins. The candidates of a stage are independent: any ``concurrent.futures``
+executor runs them, see :mod:`mi_enhance.candidate`. Everything is kept in a folder, from which a killed search goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from . import candidate, models, state
+from .data import Measurements
+from .data._io import replacing
+from .data.training import TrainingSet, build, gather
+from .enhance import EnhancedBRDF
+from .features import INPUTS
+from .material import Material
+from .train import Trainer, analytic_start, representative, validate
+
+DEFAULTS = {
+    "model": "ggx",
+    # the hypercube
+    "modules": [[16, 32, 16]],  # hidden sizes to choose from
+    "alternatives": {},  # slot: names of other analytic terms
+    "fixed": {},  # slot: "analytic" or "neural"
+    "nodes_only": False,
+    "max_modules": None,
+    "distance": 1,  # Hamming distance of candidates
+    # when a state is better
+    "epochs": 5,  # between changes
+    "tolerance": 0.01,  # a change must lower the score by this part of it
+    "price": 0.0,  # score = loss x (1 + price x cost)
+    "cost": "multiply-adds",  # in thousands; or "measured", in nanoseconds per evaluation
+    # the networks and their training
+    "inputs": "shape",
+    "modulated": True,
+    "n_latent": 27,
+    "n_samples": 4096,  # per material, to train on
+    "n_aside": 1024,  # per material, to judge by
+    "batch": 64,  # samples per material and step
+    "imitation_steps": 500,
+    "lr": 4e-3,
+    "lr_parameters": 3e-3,
+    "seed": 0,
+}
+_COSTS = ("multiply-adds", "measured")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Found:
+    """Outcome of a search.
+
+    Parameters
+    ----------
+    network : Material
+        The enhanced model, ready to fit and render, with the training materials as starts of fits.
+    stages : list of dict
+        Per stage ``stage``, ``current`` and ``best`` (digits), ``change`` in words, ``equation``, ``loss`` (best),
+        ``unchanged`` (loss of the current state trained on), ``validation``, ``candidates`` (their results).
+    pareto : list of dict
+        Candidates of all stages that no other beats in both loss and cost, cheapest first.
+    """
+
+    network: Material
+    stages: list[dict]
+    pareto: list[dict]
+
+
+def search(
+    model: models.Model | str,
+    materials: Sequence[Measurements | dict],
+    folder: str | Path,
+    *,
+    validation: Sequence[Measurements | dict] = (),
+    executor: Executor | None = None,
+    progress: bool = True,
+    callback: Callable | None = None,
+    **settings,
+) -> Found:
+    """Find what to replace in an analytic model, or go on where an earlier search in `folder` stopped.
+
+    Parameters
+    ----------
+    model : Model or str
+        The analytic model: one that :func:`mi_enhance.models.get` knows, or its name.
+    materials : sequence of Measurements, or of dict
+        What to train on; dictionaries are sources as in a training configuration, see
+        :mod:`mi_enhance.data.training`.
+    folder : str or Path
+        Keeps everything: ``search.json`` (settings), one folder per candidate, ``stages.jsonl``, ``network.bsdf``,
+        ``search.png``.
+    validation : sequence, optional
+        Materials that are not trained on; only reported, after each stage.
+    executor : concurrent.futures.Executor, optional
+        Runs the candidates of a stage; its processes must see `folder`. By default they run here, one by one.
+    progress : bool
+        Show a live table.
+    callback : callable, optional
+        ``callback(stage)`` with each finished stage, a dictionary as in :class:`Found`.
+    **settings
+        Entries of :data:`DEFAULTS` that differ from it.
+
+    Returns
+    -------
+    Found
+
+    Raises
+    ------
+    ValueError, KeyError
+        For unknown or impossible settings, or those that differ from the search to be continued.
+    RuntimeError
+        If all candidates of a stage diverged.
+
+    References
+    ----------
+    Section 4.2. Candidates inherit weights and parameters, are trained with the same samples, budget and seed, the
+    unchanged state too, and are judged on samples kept aside.
+
+    Examples
+    --------
+    >>> found = search("ggx", [m1, m2, m3], "out/search", epochs=1)  # doctest: +SKIP
+    >>> print(found.network.brdf)  # doctest: +SKIP
+    M + S * D * F * [G] * [1/E]
+    """
+    folder = Path(folder).resolve()
+    settings = _checked(model, settings)
+    prepare(folder, settings, list(materials), list(validation))
+    setup = candidate.Setup.of(folder)
+    log = folder / "stages.jsonl"
+    stages = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+    view = _view(folder, setup, progress)
+    with view:
+        while not stages or stages[-1]["best"] != stages[-1]["current"]:
+            stage = _stage(setup, folder, stages, executor, view)
+            stages.append(stage)
+            # one line at once: a killed search never leaves half a line
+            with replacing(log) as temporary:
+                Path(temporary).write_text("".join(json.dumps(s) + "\n" for s in stages))
+            view.finished(stages)
+            if callback:
+                callback(stage)
+    found = Found(_network(setup, folder, stages), stages, pareto(stages))
+    found.network.save(folder / "network.bsdf")
+    from .search_picture import draw_search
+
+    draw_search(found, setup.choices, folder / "search.png")
+    return found
+
+
+def _checked(model: models.Model | str, settings: dict) -> dict:
+    unknown = set(settings) - set(DEFAULTS)
+    if unknown:
+        raise ValueError(f"search(): unknown settings {sorted(unknown)}. Choose from: {', '.join(DEFAULTS)}.")
+    name = model if isinstance(model, str) else model.text or model.name
+    settings = {**DEFAULTS, **settings, "model": name}
+    if not isinstance(model, str) and str(models.get(name)) != str(model):
+        raise ValueError(
+            f'search(): model "{model.name}" ({model}) is not the one that name stands for; '
+            "files could not say what it is. Write it as a text: models.from_expression."
+        )
+    for key, choices in (("cost", _COSTS), ("inputs", INPUTS), ("distance", (1, 2))):
+        if settings[key] not in choices:
+            raise ValueError(f"search(): {key}={settings[key]!r} is unknown. Choose one of: {choices}.")
+    for key, low in (("epochs", 1e-6), ("n_samples", 1), ("n_aside", 1), ("batch", 1), ("tolerance", 0), ("price", 0)):
+        if not isinstance(settings[key], (int, float)) or not low <= settings[key] < 1e12:
+            raise ValueError(f"search(): {key}={settings[key]!r}; it must be a number of at least {low:g}.")
+    return settings
+
+
+def prepare(folder: Path, settings: dict, materials: list, validation: list) -> None:
+    """Write what all candidates read: settings, samples, the start state with the analytic fit of every material."""
+    file = folder / "search.json"
+    text = json.dumps(settings, indent=2) + "\n"
+    model = models.get(settings["model"])
+    names = ("modules", "alternatives", "fixed", "nodes_only")
+    choices = state.choices(model, **{name: settings[name] for name in names})
+    start = (0,) * len(choices)
+    if file.exists() and file.read_text() != text:
+        raise ValueError(f'search(): "{file}" is of a search with other settings. Choose another folder, or remove it.')
+    folder.mkdir(parents=True, exist_ok=True)
+    n = settings["n_samples"] + settings["n_aside"]
+    for name, given in (("samples", materials), ("validation", validation)):
+        path = folder / f"{name}.npz"
+        if given and not path.exists():
+            _training_set(given, n, settings["seed"], folder).save(path)
+    if not (folder / "samples.npz").exists():
+        raise ValueError("search(): no materials to train on. Give measurements or sources.")
+    with replacing(file) as temporary:
+        Path(temporary).write_text(text)
+    checkpoint = candidate.candidate_folder(folder, 0, start) / "checkpoint.npz"
+    if not checkpoint.exists():
+        checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        setup = candidate.Setup(folder)
+        brdf = candidate.started(setup, folder, state.build(model, start, choices, **setup.build), {})
+        samples, _ = setup.samples
+        Trainer(brdf, samples, {**settings, "steps": 0}, analytic_start(brdf, samples)).save(checkpoint)
+
+
+def _training_set(given: list, n: int, seed: int, folder: Path) -> TrainingSet:
+    if all(isinstance(m, Measurements) for m in given):
+        return gather(given, n, seed)
+    if all(isinstance(m, dict) for m in given):
+        return build(given, n_samples=n, seed=seed, cache=folder.parent / "cache")
+    raise ValueError("search(): materials must all be Measurements, or all be sources (dictionaries).")
+
+
+def _stage(setup: candidate.Setup, folder: Path, stages: list[dict], executor: Executor | None, view) -> dict:
+    """Train and judge all candidates around the current state."""
+    number = len(stages) + 1
+    current = tuple(stages[-1]["best"]) if stages else (0,) * len(setup.choices)
+    left = {tuple(s["current"]) for s in stages} - {current}  # a state that has lost does not come back
+    around = state.neighbours(
+        current, setup.choices, distance=setup.settings["distance"], max_modules=setup.settings["max_modules"]
+    )
+    around = [digits for digits in around if digits not in left]
+    begun = time.perf_counter()
+    view.started(number, current, around)
+    results = {}
+    threads = 0 if executor is None else 1
+    jobs = [(str(folder), number, digits, current, mi.variant(), threads) for digits in around]
+    if executor is None:
+        for job in jobs:
+            results[job[2]] = candidate.train_candidate(*job)
+            view.update()
+    else:
+        futures = {executor.submit(candidate.train_candidate, *job): job[2] for job in jobs}
+        pending = set(futures)
+        while pending:
+            done, pending = wait(pending, timeout=1, return_when=FIRST_COMPLETED)
+            results |= {futures[future]: future.result() for future in done}
+            view.update()
+    rows = [_scored(results[digits], current, setup) for digits in around]
+    unchanged = rows[0]
+    best = min(rows, key=lambda row: row["score"])
+    if not np.isfinite(best["score"]):
+        raise RuntimeError(f"search(): all candidates of stage {number} diverged. Lower lr or lr_parameters.")
+    if best["score"] >= unchanged["score"] * (1 - setup.settings["tolerance"]):
+        best = unchanged
+    stage = {
+        "stage": number,
+        "current": list(current),
+        "best": best["digits"],
+        "change": best["change"],
+        "equation": best["equation"],
+        "loss": best["loss"],
+        "unchanged": unchanged["loss"],
+        "cost": best["cost"],
+        "candidates": rows,
+    }
+    path = folder / "validation.npz"
+    if path.exists():
+        brdf, _ = _state_of(setup, folder, number, tuple(best["digits"]))
+        unseen = TrainingSet.read(path)
+        terms = "-".join(brdf.model.terms.values()) or "original"
+        start = analytic_start(brdf, unseen, folder / f"validation-{terms}.npy")
+        stage["validation"] = float(validate(brdf, unseen, start).mean())
+    stage["seconds"] = round(time.perf_counter() - begun, 1)
+    return stage
+
+
+def _scored(result: dict, current: state.State, setup: candidate.Setup) -> dict:
+    digits = tuple(result["digits"])
+    brdf = state.build(setup.model, digits, setup.choices, **setup.build)
+    return {
+        **result,
+        "change": state.change(current, digits, setup.choices),
+        "equation": str(brdf),
+        "score": result["loss"] * (1 + setup.settings["price"] * result["cost"]),
+    }
+
+
+def _state_of(setup: candidate.Setup, folder: Path, stage: int, digits: state.State) -> tuple[EnhancedBRDF, np.ndarray]:
+    """The trained BRDF of a candidate, and the parameters of all materials."""
+    template = state.build(setup.model, digits, setup.choices, **setup.build)
+    return candidate.restore(template, candidate.candidate_folder(folder, stage, digits) / "checkpoint.npz")
+
+
+def _network(setup: candidate.Setup, folder: Path, stages: list[dict]) -> Material:
+    """The last state as a network file: weights, starts of fits, the log of the search."""
+    last = stages[-1]
+    brdf, values = _state_of(setup, folder, last["stage"], tuple(last["best"]))
+    samples, _ = setup.samples
+    keep = representative(samples.kinds)
+    log = [{k: v for k, v in s.items() if k != "candidates"} for s in stages]
+    report = {
+        "search": setup.settings,
+        "stages": log,
+        "steps": setup.steps * len(stages),
+        "library": [samples.names[k] for k in keep],
+    }
+    return Material(brdf, {}, report, library=values[keep])
+
+
+def pareto(stages: list[dict]) -> list[dict]:
+    """Candidates that no other beats in both loss and cost, cheapest first.
+
+    Examples
+    --------
+    >>> rows = [{"loss": 3, "cost": 0}, {"loss": 2, "cost": 5}, {"loss": 2.5, "cost": 6}]
+    >>> [row["cost"] for row in pareto([{"candidates": rows}])]
+    [0, 5]
+    """
+    rows = sorted((row for s in stages for row in s["candidates"]), key=lambda row: (row["cost"], row["loss"]))
+    front = []
+    for row in rows:
+        if not front or row["loss"] < front[-1]["loss"]:
+            front.append(row)
+    return front
+
+
+def _view(folder: Path, setup: candidate.Setup, progress: bool):
+    from .search_view import LiveTable, Silent
+
+    return LiveTable(folder, setup) if progress else Silent()

@@ -1,0 +1,100 @@
+"""The picture of a search (the paper's Figs. 1 and 4): states, what every candidate was worth, errors, the front."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .data._io import replacing
+
+_SPREAD = 0.2  # colours end where a candidate is this much better or worse than the unchanged state
+
+
+def draw_search(found, choices: Mapping[str, Sequence], path: str | Path) -> None:
+    """Draw how a search went and write the picture.
+
+    Parameters
+    ----------
+    found : Found
+        Result of :func:`mi_enhance.search.search`.
+    choices : dict of str to sequence
+        What may stand in every slot, in the order of the formula.
+    path : str or Path
+        ``.png`` or another format matplotlib writes.
+
+    Examples
+    --------
+    >>> draw_search(found, choices, "search.png")  # doctest: +SKIP
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    stages = found.stages
+    figure = Figure(figsize=(15, 2.2 + 0.62 * max(len(stages), 5)), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    left, middle, right = figure.subplots(1, 3, width_ratios=(max(6, len(choices)) * 0.75, 5, 5))
+    _states(left, stages, list(choices), choices)
+    _errors(middle, stages)
+    _front(right, stages, found.pareto)
+    figure.suptitle(str(found.network.brdf), fontsize=13)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def _states(axes, stages: list[dict], slots: list[str], choices: Mapping[str, Sequence]) -> None:
+    """One row per stage: the digits of the state it began with, coloured by what changing them was worth."""
+    gains = np.full((len(stages), len(slots)), np.nan)
+    for i, s in enumerate(stages):
+        for row in s["candidates"]:
+            changed = [k for k, (a, b) in enumerate(zip(s["current"], row["digits"], strict=True)) if a != b]
+            if len(changed) == 1:  # larger steps of a search with distance 2 have no cell of their own
+                ratio = row["loss"] / s["unchanged"]
+                gains[i, changed[0]] = np.nanmin([gains[i, changed[0]], ratio])
+    image = axes.imshow(gains, cmap="PuOr_r", vmin=1 - _SPREAD, vmax=1 + _SPREAD, aspect="auto")
+    for i, s in enumerate(stages):
+        for k, slot in enumerate(slots):
+            text = _digit(choices[slot][s["current"][k]])
+            axes.text(k, i, text, ha="center", va="center", fontsize=8)
+            if s["best"][k] != s["current"][k]:
+                axes.add_patch(_frame(k, i))
+    axes.set_xticks(range(len(slots)), slots, rotation=45)
+    axes.set_yticks(range(len(stages)), [f"{s['stage']}  {s['change']}" for s in stages])
+    axes.set_title("state at the start of each stage; frame: what changed", fontsize=10)
+    axes.figure.colorbar(image, ax=axes, shrink=0.8, label="loss of the change / loss unchanged")
+
+
+def _frame(k: int, i: int):
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((k - 0.5, i - 0.5), 1, 1, fill=False, lw=2.5, ec="black")
+
+
+def _digit(choice) -> str:
+    return {type(None): "0", tuple: "1"}.get(type(choice), str(choice))
+
+
+def _errors(axes, stages: list[dict]) -> None:
+    """Loss of every candidate, of the unchanged state and of the one chosen, stage by stage."""
+    x = [s["stage"] for s in stages]
+    for s in stages:
+        losses = [row["loss"] for row in s["candidates"]]
+        axes.plot([s["stage"]] * len(losses), losses, ".", color="0.75", zorder=1)
+    axes.plot(x, [s["unchanged"] for s in stages], "o--", color="tab:blue", ms=4, label="unchanged state, trained on")
+    axes.plot(x, [s["loss"] for s in stages], "o-", color="tab:orange", label="chosen")
+    if any("validation" in s for s in stages):
+        axes.plot(x, [s.get("validation") for s in stages], "s:", color="tab:green", ms=4, label="unseen materials")
+    axes.set(xlabel="stage", ylabel="log-L1", yscale="log", xticks=x)
+    axes.set_title("error after each stage (grey: other candidates)", fontsize=10)
+    axes.grid(alpha=0.3, which="both")
+    axes.legend(fontsize=8)
+
+
+def _front(axes, stages: list[dict], front: list[dict]) -> None:
+    rows = [row for s in stages for row in s["candidates"]]
+    axes.plot([r["cost"] for r in rows], [r["loss"] for r in rows], ".", color="0.75")
+    axes.step([r["cost"] for r in front], [r["loss"] for r in front], "o-", where="post", color="tab:orange", ms=4)
+    axes.set(xlabel="cost of one evaluation (1,000 multiply-adds, or ns if measured)", ylabel="log-L1", yscale="log")
+    axes.set_title("error against cost: all candidates and the front", fontsize=10)
+    axes.grid(alpha=0.3, which="both")

@@ -1,0 +1,166 @@
+"""Enhancement states: one digit per slot of a graph, and the hypercube that they span (paper, section 4.1).
+
+Digit 0 is the first choice of a slot, usually its original term or operator; the others are networks of given sizes and
+other analytic terms (m-ary digits; the paper's are binary).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+
+from .alternatives import with_terms
+from .enhance import EnhancedBRDF, enhance
+from .models import Model
+
+State = tuple[int, ...]
+# What can stand in a slot: None (the original), hidden sizes of a network, or the name of another analytic term.
+Choice = None | tuple[int, ...] | str
+
+
+def choices(
+    model: Model,
+    *,
+    modules: Sequence[Sequence[int]] = ((16, 32, 16),),
+    alternatives: Mapping[str, Sequence[str]] | None = None,
+    fixed: Mapping[str, str] | None = None,
+    nodes_only: bool = False,
+) -> dict[str, tuple[Choice, ...]]:
+    """What may stand in every slot of a model.
+
+    Parameters
+    ----------
+    model : Model
+    modules : sequence of sequences of int
+        Hidden sizes of the networks to choose from.
+    alternatives : dict of str to list of str, optional
+        Slot -> names of other analytic terms, see :data:`mi_enhance.alternatives.ALTERNATIVES`.
+    fixed : dict of str to str, optional
+        Slot -> ``"analytic"`` or ``"neural"``: the digits the search leaves alone, or lets choose among networks.
+    nodes_only : bool
+        Leave operators as they are.
+
+    Returns
+    -------
+    dict of str to tuple
+        By slot, in the order of the formula.
+
+    Raises
+    ------
+    ValueError, KeyError
+        For an unknown slot, term or word.
+
+    Examples
+    --------
+    >>> from mi_enhance import models
+    >>> choices(models.get("ward"), nodes_only=True, fixed={"M": "analytic"}, alternatives={"D": ["D_ggx"]})["D"]
+    (None, (16, 32, 16), 'D_ggx')
+    """
+    alternatives, fixed = alternatives or {}, fixed or {}
+    modules = [tuple(int(n) for n in sizes) for sizes in modules]
+    if any(not sizes or len(sizes) > 8 or min(sizes) < 1 or max(sizes) > 1024 for sizes in modules):
+        raise ValueError(f"choices(): modules {modules}: each needs 1 to 8 hidden sizes of 1 to 1024.")
+    for slot in (*alternatives, *fixed):
+        model.graph.find(slot)
+    for slot, word in fixed.items():
+        if word not in ("analytic", "neural"):
+            raise ValueError(f'choices(): fixed["{slot}"] is {word!r}; it must be "analytic" or "neural".')
+    result = {}
+    for node in model.graph.walk():
+        networks = () if nodes_only and node.args else tuple(modules)
+        terms = tuple(alternatives.get(node.name, ()))
+        result[node.name] = {
+            None: (None, *networks, *terms),
+            "analytic": (None, *terms),
+            "neural": tuple(modules),
+        }[fixed.get(node.name)]
+        for term in terms:
+            with_terms(model, {node.name: term})  # raises if it cannot stand here
+    return result
+
+
+def neighbours(
+    state: State, choices: Mapping[str, Sequence[Choice]], *, distance: int = 1, max_modules: int | None = None
+) -> list[State]:
+    """`state` itself and all states that differ from it in at most `distance` slots (Hamming distance; section 4.2).
+
+    Examples
+    --------
+    >>> from mi_enhance import models
+    >>> len(neighbours((0,) * 11, choices(models.get("ggx"))))
+    12
+    >>> len(neighbours((0,) * 11, choices(models.get("ggx")), distance=2))
+    67
+    """
+    options = list(choices.values())
+    found = [state]
+    for d in range(1, distance + 1):
+        for slots in itertools.combinations(range(len(state)), d):
+            others = [[k for k in range(len(options[s])) if k != state[s]] for s in slots]
+            for digits in itertools.product(*others):
+                changed = list(state)
+                for s, digit in zip(slots, digits, strict=True):
+                    changed[s] = digit
+                found.append(tuple(changed))
+    if max_modules is not None:
+        n = lambda s: sum(isinstance(c, tuple) for _, c in chosen(s, choices))  # noqa: E731
+        found = [s for s in found if s == state or n(s) <= max_modules]
+    return found
+
+
+def chosen(state: State, choices: Mapping[str, Sequence[Choice]]) -> Iterator[tuple[str, Choice]]:
+    """Slots that do not hold their original, and what they hold."""
+    for digit, (slot, options) in zip(state, choices.items(), strict=True):
+        if options[digit] is not None:
+            yield slot, options[digit]
+
+
+def build(model: Model, state: State, choices: Mapping[str, Sequence[Choice]], **settings) -> EnhancedBRDF:
+    """The BRDF of a state, with Xavier weights; `settings` are those of :func:`mi_enhance.enhance`.
+
+    Examples
+    --------
+    >>> from mi_enhance import models
+    >>> print(build(models.get("ward"), (0, 0, 0, 0, 1, 0, 1), choices(models.get("ward")), inputs="shape"))
+    M + S * [D] * [1/E]
+    """
+    picked = dict(chosen(state, choices))
+    model = with_terms(model, {slot: c for slot, c in picked.items() if isinstance(c, str)})
+    return enhance(model, {slot: c for slot, c in picked.items() if isinstance(c, tuple)}, **settings)
+
+
+def name(state: State) -> str:
+    """A state as text that can be a folder: its digits.
+
+    Examples
+    --------
+    >>> name((0, 1, 0)), name((0, 12, 0))
+    ('010', '0-12-0')
+    """
+    return ("" if max(state) < 10 else "-").join(map(str, state))
+
+
+def change(before: State, after: State, choices: Mapping[str, Sequence[Choice]]) -> str:
+    """What is done to a state, in words.
+
+    Examples
+    --------
+    >>> from mi_enhance import models
+    >>> change((0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 0, 1), choices(models.get("ward")))
+    '[1/E]'
+    """
+    words = []
+    for a, b, (slot, options) in zip(before, after, choices.items(), strict=True):
+        if a != b:
+            words.append(_word(slot, options, b))
+    return ", ".join(words) or "unchanged"
+
+
+def _word(slot: str, options: Sequence[Choice], digit: int) -> str:
+    choice = options[digit]
+    if choice is None:
+        return f"{slot} reverted"
+    if isinstance(choice, str):
+        return choice
+    n_networks = sum(isinstance(c, tuple) for c in options)
+    return f"[{slot}]" if n_networks == 1 else f"[{slot}] {'x'.join(map(str, choice))}"

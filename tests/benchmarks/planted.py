@@ -1,0 +1,107 @@
+"""A planted weakness: materials of a GGX with one altered slot. Does the search from plain GGX replace that slot first?
+
+For each altered term or operator: the change that the first stage chooses, with several seeds, and what all other
+candidates are worth. Writes ``planted.csv``, ``.json``, ``.md`` below ``-o``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
+
+import drjit as dr  # isort: skip
+import mitsuba as mi  # isort: skip
+import numpy as np
+from common import finish, machine
+
+from mi_enhance import models, parameters
+from mi_enhance.data import Measurements
+from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.enhance import enhance
+from mi_enhance.search import search
+from mi_enhance.table import write_table
+
+_GRAPH = models.ggx().graph
+# What each altered slot computes; a term sees all quantities, an operator its operands.
+DEFECTS = {
+    "F": lambda q: _GRAPH.find("F")(q) * (0.6 + 0.4 * dr.cos(9 * q["cos_theta_d"])),
+    "G": lambda q: _GRAPH.find("G")(q) * (0.55 + 0.45 * dr.cos(8 * q["cos_theta_i"] * q["cos_theta_o"])),
+    "D": lambda q: _GRAPH.find("D")(q) * (0.55 + 0.45 * dr.cos(14 * q["cos_theta_h"])),
+    "F*G": lambda a, b: dr.minimum(a, 0.3 * b),
+}
+_COLUMNS = {
+    "defect": ("altered", ""),
+    "seed": ("seed", "d"),
+    "first": ("replaced first", ""),
+    "loss": ("loss", ".5f"),
+    "unchanged": ("unchanged", ".5f"),
+    "second": ("next best", ""),
+    "second_loss": ("its loss", ".5f"),
+}
+
+
+def planted(slot: str, count: int, n_samples: int, seed: int = 0) -> list[Measurements]:
+    """Samples of `count` random GGX materials whose `slot` is altered, dark enough below that the lobe is seen."""
+    rng = np.random.default_rng(seed)
+    brdf = enhance("ggx", ())
+    graph = brdf.model.graph.replace({slot: DEFECTS[slot]})
+    materials = []
+    for k in range(count):
+        alpha = np.exp(rng.uniform(np.log(0.15), np.log(0.7)))
+        values = {"n_x": 0.0, "n_y": 0.0, "t_theta": 0.0, "rho_d": rng.uniform(0, 0.1, 3), "rho_s": rng.uniform(1, 6)}
+        values |= {"alpha_x": alpha, "alpha_y": alpha, "F0": rng.uniform(0.05, 0.9)}
+        vector = parameters.flatten(brdf.parameters, values)
+        params = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in vector])
+        wi, wo = sample_pairs(n_samples, seed=rng)
+        _, record, active = brdf.prepare(*(mi.Vector3f(w.T) for w in (wi, wo)), params)
+        f = np.array(mi.Color3f(graph(record)) & active).T
+        materials.append(Measurements(wi, wo, f, f"{slot}-{k}", "planted"))
+    return materials
+
+
+def first_change(slot: str, folder: Path, *, count: int, seed: int, **settings) -> dict:
+    """The first stage of a search on planted materials, and what came second."""
+    n = settings["n_samples"] + settings["n_aside"]
+    settings = {"max_modules": 1, "progress": False, "seed": seed, **settings}
+    found = search("ggx", planted(slot, count, n, seed), folder, **settings)
+    stage = found.stages[0]
+    second = sorted(stage["candidates"], key=lambda row: row["score"])[1]
+    return {
+        "defect": slot,
+        "seed": seed,
+        "first": stage["change"],
+        "loss": stage["loss"],
+        "unchanged": stage["unchanged"],
+        "second": second["change"],
+        "second_loss": second["loss"],
+    }
+
+
+def main() -> None:
+    """Run the benchmark of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", action="append", choices=DEFECTS, help="repeatable (default: all)")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--count", type=int, default=24, help="materials (default: %(default)s)")
+    parser.add_argument("--epochs", type=float, default=20, help="(default: %(default)s)")
+    parser.add_argument("-o", "--output", default="out/planted", help="folder (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object last")
+    args = parser.parse_args()
+    mi.set_variant("llvm_ad_rgb")
+    about = machine()
+    rows = []
+    for slot in args.only or DEFECTS:
+        for seed in range(args.seeds):
+            name = "".join(c if c.isalnum() else "_" for c in slot)
+            folder = Path(args.output) / f"{name}-{args.epochs:g}-{seed}"
+            settings = {"n_samples": 1024, "n_aside": 512, "batch": 64}
+            rows.append(first_change(slot, folder, count=args.count, seed=seed, epochs=args.epochs, **settings))
+            print(rows[-1], flush=True)
+    write_table(rows, Path(args.output) / "planted", _COLUMNS)
+    finish(rows, _COLUMNS, title="planted weaknesses", about=about, as_json=args.json)
+
+
+if __name__ == "__main__":
+    main()
