@@ -128,7 +128,7 @@ class Enhanced(mi.BSDF):
                 what = "a colour, spectrum" if p.name in self.m_colours else "a number"
                 raise TypeError(f"{where}: {p.name} must be {what} or texture; got {given!r}.") from None
             value = parameters.check([p], {p.name: numbers}, where)[p.name]
-        self.m_values[p.name] = mi.Color3f(value) if p.size == 3 else mi.Float(value)
+        self.m_values[p.name] = mi.Color3f(value) if p.is_colour else mi.Float(value)
 
     # ------------------------------------------------------------------ parameters
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import gc
+import hashlib
 import json
 import threading
 import time
@@ -114,9 +115,15 @@ class Setup:
         self.steps = max(1, round(self.settings["epochs"] * self.settings["n_samples"] / self.settings["batch"]))
 
     @staticmethod
-    @functools.lru_cache(maxsize=1)
     def of(folder: Path) -> Setup:
-        return Setup(folder)
+        """The setup in a folder, read again only if its files have changed."""
+        times = tuple((folder / name).stat().st_mtime_ns for name in ("search.json", "samples.npz"))
+        return _setup(folder, times)
+
+
+@functools.lru_cache(maxsize=1)
+def _setup(folder: Path, times: tuple[int, int]) -> Setup:
+    return Setup(folder)
 
 
 def inherit(setup: Setup, folder: Path, stage: int, digits: state.State, parent: state.State):
@@ -163,12 +170,13 @@ def _carry(old: np.ndarray, before: EnhancedBRDF, brdf: EnhancedBRDF) -> np.ndar
 
 
 def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -> nn.MLP:
-    """A network that has learned the term or operator in `slot`; once for each slot and size, kept on disk."""
-    place = setup.model.graph.slots.index(slot)
-    file = folder / "imitations" / f"{place}-{'x'.join(map(str, hidden))}.npz"
+    """A network that has learned the term or operator in `slot`, kept on disk beside the folders of all searches."""
+    steps, seed = setup.settings["imitation_steps"], setup.settings["seed"]
+    key = json.dumps([1, str(setup.model), setup.model.name, slot, hidden, steps, setup.build], sort_keys=True)
+    file = folder.parent / "cache" / f"imitation-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
     alone = enhance(setup.model, {slot: hidden}, **setup.build)
     if not file.exists():
-        taught = imitate(alone, steps=setup.settings["imitation_steps"], seed=setup.settings["seed"])
+        taught = imitate(alone, steps=steps, seed=seed)
         file.parent.mkdir(exist_ok=True)
         with replacing(file) as temporary:
             np.savez(temporary, weights=nn.flatten(taught.networks))

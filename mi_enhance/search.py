@@ -194,8 +194,9 @@ def prepare(folder: Path, settings: dict, materials: list, validation: list) -> 
             _training_set(given, n, settings["seed"], folder).save(path)
     if not (folder / "samples.npz").exists():
         raise ValueError("search(): no materials to train on. Give measurements or sources.")
-    with replacing(file) as temporary:
-        Path(temporary).write_text(text)
+    if not file.exists():
+        with replacing(file) as temporary:
+            Path(temporary).write_text(text)
     checkpoint = candidate.candidate_folder(folder, 0, start) / "checkpoint.npz"
     if not checkpoint.exists():
         checkpoint.parent.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,41 @@
+"""The obvious alternative: an analytic model with a residual network at its output (the paper's Fig. 8).
+
+``f = max(analytic + R, 0)``: R has three linear outputs and the same inputs, latent numbers included, as our modules.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from mi_enhance import features, models, nn
+from mi_enhance.enhance import EnhancedBRDF
+from mi_enhance.graph import Node
+
+SMALL, LARGE = (32, 64, 64, 16), (32, 64, 128, 128, 64)  # the paper's: as large as its modules, and five times
+
+
+@dataclasses.dataclass(frozen=True)
+class Residual(EnhancedBRDF):
+    """A BRDF whose slot R is a signed network, not the exponential of one."""
+
+    def _function(self, slot, x, evaluator, bias):
+        return lambda record: mi.Color3f(*evaluator(x, bias))
+
+
+def with_residual(name: str, hidden, *, n_latent: int, inputs: str = "shape", seed: int = 0) -> Residual:
+    """The model `name` plus a residual network that is 0 at first."""
+    model = models.get(name)
+    colours = [p.name for p in model.parameters if p.is_colour]
+    names = ("cos_theta_i", "cos_theta_o", *colours)  # a term that reads a colour may return one
+    r = Node("R", lambda **_: 0.0, inputs=names)
+    graph = Node("f+R", lambda a, b: dr.maximum(a + b, 0), (model.graph, r), "+")
+    model = dataclasses.replace(model, name=f"{name} + residual", graph=graph)
+    n_params = features.n_of_parameters(model, inputs) + n_latent
+    n_directions = features.n_of_directions(model, inputs, r)
+    mlp = nn.xavier((n_params + n_directions, *hidden, 3), n_params, np.random.default_rng(seed))
+    *layers, (w, b) = mlp.layers
+    return Residual(model, {"R": nn.MLP((*layers, (0 * w, b)), n_params)}, n_latent, inputs)

@@ -1,0 +1,313 @@
+"""The search: candidates inherit and are judged fairly, the best wins, and a killed search ends the same."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mi_enhance  # noqa: F401  (before mitsuba)
+
+import mitsuba as mi  # isort: skip
+from mi_enhance import candidate, data, models, nn, search, state
+from mi_enhance.data.assorted import assorted
+from mi_enhance.material import Material
+
+sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
+from planted import first_change  # noqa: E402
+
+# Networks that train in a moment; the code is the same. Two slots are free: four candidates in two stages.
+SMALL = {
+    "modules": [[4, 4]], "n_latent": 2, "n_samples": 128, "n_aside": 64, "batch": 32, "epochs": 8, "lr": 2e-2,
+    "imitation_steps": 30, "tolerance": 0.001,
+    "fixed": {slot: "analytic" for slot in models.get("ggx").graph.slots if slot not in ("F", "G")},
+}  # fmt: skip
+
+
+def materials(n=3, samples=192):
+    return [assorted(k, samples) for k in range(n)]
+
+
+def run(folder, **settings):
+    executor = settings.pop("executor", None)
+    return search("ggx", materials(), folder, executor=executor, progress=False, **{**SMALL, **settings})
+
+
+def weights(folder):
+    return nn.flatten(Material.load(folder / "network.bsdf").brdf.networks)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A search from beginning to end, where it lies, and what it found."""
+    mi.set_variant("llvm_ad_rgb")
+    folder = tmp_path_factory.mktemp("search") / "run"
+    return folder, run(folder)
+
+
+# --- what it does -----------------------------------------------------------------------------------------------------
+
+
+def test_stages_end_when_the_current_state_wins(finished):
+    folder, found = finished
+    assert len(found.stages) > 1
+    assert found.stages[-1]["best"] == found.stages[-1]["current"] and found.stages[-1]["change"] == "unchanged"
+    assert all(s["best"] != s["current"] for s in found.stages[:-1])
+    for before, after in zip(found.stages, found.stages[1:], strict=False):
+        assert before["best"] == after["current"]
+    for s in found.stages:
+        losses = {tuple(row["digits"]): row["loss"] for row in s["candidates"]}
+        unchanged = losses[tuple(s["current"])]
+        assert s["unchanged"] == unchanged and s["loss"] == losses[tuple(s["best"])]
+        better = [loss for loss in losses.values() if loss < 0.999 * unchanged]  # the tolerance
+        assert s["loss"] == (min(losses.values()) if better else unchanged)
+    assert (folder / "search.png").stat().st_size > 10_000
+
+
+def test_the_network_is_the_last_state_and_carries_the_log(finished):
+    folder, found = finished
+    network = Material.load(folder / "network.bsdf")
+    assert str(network.brdf) == str(found.network.brdf) == found.stages[-1]["equation"]
+    assert len(network.library) == 3 and network.report["library"] == [m.name for m in materials()]
+    assert [s["change"] for s in network.report["stages"]] == [s["change"] for s in found.stages]
+    np.testing.assert_array_equal(weights(folder), nn.flatten(found.network.brdf.networks))
+
+
+def test_candidates_start_where_their_parent_is(finished):
+    """Weights and parameters by name; what is new imitates, so no material is far from where it was."""
+    folder, found = finished
+    setup = candidate.Setup(folder)
+    start = tuple(found.stages[0]["current"])
+    before, old = candidate.restore(
+        state.build(setup.model, start, setup.choices, **setup.build),
+        candidate.candidate_folder(folder, 0, start) / "checkpoint.npz",
+    )
+    for digits in state.neighbours(start, setup.choices):
+        brdf, values = candidate.inherit(setup, folder, 1, digits, start)
+        names = [p.name for p in brdf.parameters]
+        assert set(names) - {p.name for p in before.parameters} <= {"asymmetry", "latent", "norm_F", "norm_G"}
+        np.testing.assert_allclose(values[:, : old.shape[1]], old, rtol=1e-6)
+
+
+def test_the_samples_kept_aside_are_not_trained_on(finished):
+    samples, aside = candidate.Setup(finished[0]).samples
+    assert (samples.n_samples, aside.n_samples) == (128, 64)
+    seen = {tuple(row) for row in samples.samples.T}
+    assert not seen & {tuple(row) for row in aside.samples.T}
+
+
+def test_all_candidates_have_the_same_budget(finished):
+    for result in finished[0].glob("stage-0[1-9]/*/progress.json"):
+        assert json.loads(result.read_text())["step"] == 8 * 128 // 32
+
+
+def test_the_pareto_front_falls(finished):
+    front = finished[1].pareto
+    cost, loss = ([row[k] for row in front] for k in ("cost", "loss"))
+    assert cost == sorted(cost) and loss == sorted(loss, reverse=True) and cost[0] == 0
+    assert loss[-1] == min(row["loss"] for s in finished[1].stages for row in s["candidates"])
+
+
+def test_a_price_on_run_time_keeps_the_model_cheap(llvm, tmp_path):
+    dear = run(tmp_path / "dear", price=100.0)
+    assert not dear.network.brdf.networks and len(dear.stages) == 1
+
+
+def test_measured_cost_is_a_time(llvm, tmp_path):
+    found = run(tmp_path / "timed", cost="measured", epochs=0.25)
+    assert all(0 < row["cost"] < 1e6 for row in found.stages[0]["candidates"])
+
+
+def test_reverting_and_other_terms_are_tried(llvm, tmp_path):
+    """Terms of other models beside networks; in the second stage what was changed may be taken back."""
+    settings = {**SMALL, "fixed": {**SMALL["fixed"], "D": "analytic", "F": "analytic"}}
+    found = run(tmp_path / "r", **{**settings, "alternatives": {"D": ["D_abc_normalised"], "F": ["F_dielectric"]}})
+    changes = {row["change"] for row in found.stages[0]["candidates"]}
+    assert changes == {"unchanged", "D_abc_normalised", "F_dielectric", "[G]"}
+    assert all(np.isfinite(row["loss"]) for s in found.stages for row in s["candidates"])
+    if len(found.stages) > 1:
+        assert any("reverted" in row["change"] for row in found.stages[1]["candidates"]) or len(found.stages) > 2
+
+
+@pytest.mark.parametrize("slot", ["F", "F*G"])
+def test_a_planted_weakness_is_replaced_first(llvm, tmp_path, slot):
+    """Materials of a GGX whose F, or whose operator F*G, is another function: of what may change here, that one."""
+    few = {name: "analytic" for name in ("M", "M+S", "S", "S*D", "D", "D*F")}
+    row = first_change(slot, tmp_path / "p", count=8, seed=0, epochs=150, fixed=few)
+    assert row["first"] == f"[{slot}]" and row["loss"] < 0.1 * row["unchanged"]
+
+
+# --- it can be stopped ------------------------------------------------------------------------------------------------
+
+
+class StopError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("after", [1, 40, 70, 120])
+def test_an_interrupted_search_ends_the_same(llvm, finished, tmp_path, monkeypatch, after):
+    """Stopped in the middle of a candidate, after some training step; then once more."""
+    folder = tmp_path / "run"
+    advance, count = candidate.Trainer.advance, [0]
+
+    def counted(self):
+        count[0] += 1
+        if count[0] in (after, after + 3):
+            raise StopError
+        return advance(self)
+
+    monkeypatch.setattr(candidate.Trainer, "advance", counted)
+    for _ in range(2):
+        with pytest.raises(StopError):
+            run(folder)
+    same(run(folder), folder, finished)
+
+
+def same(found, folder, finished):
+    strip = lambda stages: [{k: v for k, v in s.items() if k not in ("seconds", "candidates")} for s in stages]  # noqa: E731
+    assert strip(found.stages) == strip(finished[1].stages)
+    np.testing.assert_array_equal(weights(folder), weights(finished[0]))
+
+
+def test_processes_find_the_same(finished, tmp_path):
+    pool = ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+    with pool:
+        same(run(tmp_path / "run", executor=pool), tmp_path / "run", finished)
+
+
+def test_a_killed_dask_worker_costs_only_its_candidate(finished, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    folder = tmp_path / "run"
+    with (
+        distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        pids = client.run(os.getpid)
+        killed = []
+
+        def kill(stage):
+            if not killed:
+                killed.append(next(iter(pids.values())))
+                os.kill(killed[0], signal.SIGKILL)
+
+        found = search(
+            "ggx", materials(), folder, executor=client.get_executor(pure=False), progress=False, callback=kill, **SMALL
+        )
+        assert killed
+        same(found, folder, finished)
+
+
+@pytest.mark.slow
+def test_a_killed_process_loses_nothing(llvm, tmp_path):
+    """kill -9 at random moments of the command, until it ends; the outcome is that of an undisturbed one."""
+    data.save_table(materials(1)[0], tmp_path / "a.npz")
+    data.save_table(materials(2)[1], tmp_path / "b.npz")
+    defines = [f"-D{key}={json.dumps(value)}" for key, value in {**SMALL, "epochs": 20}.items()]
+
+    def command(name):
+        out = tmp_path / name / "net.bsdf"
+        return [sys.executable, "-m", "mi_enhance", "search", "ggx", "--data", str(tmp_path / "*.npz"), "-o", str(out),
+                "--variant", "llvm_ad_rgb", "--json", *defines]  # fmt: skip
+
+    subprocess.run(command("whole"), check=True, capture_output=True)
+    rng, kills = np.random.default_rng(0), 0
+    while True:
+        process = subprocess.Popen(command("killed"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        try:
+            assert process.wait(timeout=rng.uniform(2, 7) + kills) == 0, process.stderr.read()
+            break
+        except subprocess.TimeoutExpired:
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait()
+            kills += 1
+        finally:
+            process.stderr.close()
+    assert kills
+    a, b = (nn.flatten(Material.load(tmp_path / n / "net.bsdf").brdf.networks) for n in ("whole", "killed"))
+    np.testing.assert_array_equal(a, b)
+
+
+# --- wrong input ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "wrong, message",
+    [
+        ({"epoch": 3}, r"unknown settings \['epoch'\]. Choose from: model, modules"),
+        ({"distance": 3}, "distance=3 is unknown"),
+        ({"cost": "time"}, "cost='time' is unknown"),
+        ({"inputs": "angles"}, "inputs='angles' is unknown"),
+        ({"epochs": 0}, "epochs=0; it must be a number of at least 1e-06"),
+        ({"epochs": "many"}, "epochs='many'"),
+        ({"price": -1}, "price=-1; it must be a number of at least 0"),
+        ({"batch": float("nan")}, "batch=nan"),
+        ({"fixed": {"X": "neural"}}, '"X" is not a slot'),
+    ],
+)
+def test_wrong_settings_are_refused(llvm, tmp_path, wrong, message):
+    with pytest.raises((ValueError, KeyError), match=message):
+        run(tmp_path / "run", **wrong)
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_other_wrong_input_is_refused(llvm, finished, tmp_path):
+    with pytest.raises(ValueError, match="no materials to train on"):
+        search("ggx", [], tmp_path / "a", progress=False, **SMALL)
+    with pytest.raises(ValueError, match="must all be Measurements, or all be sources"):
+        search("ggx", [materials(1)[0], {"kind": "nps"}], tmp_path / "b", progress=False, **SMALL)
+    with pytest.raises(KeyError, match='unknown model "gxx"'):
+        search("gxx", materials(), tmp_path / "c", progress=False, **SMALL)
+    with pytest.raises(ValueError, match="is of a search with other settings. Choose another folder"):
+        run(finished[0], seed=1)
+
+
+def test_a_stage_of_diverged_candidates_is_an_error(llvm, tmp_path, monkeypatch):
+    monkeypatch.setattr(candidate, "judge", lambda *_: float("inf"))
+    with pytest.raises(RuntimeError, match="all candidates of stage 1 diverged. Lower lr or lr_parameters"):
+        run(tmp_path / "run")
+
+
+def test_the_command_line_reads_patterns_and_lists(llvm, tmp_path, capsys):
+    from mi_enhance.cli import main
+
+    for k, m in enumerate(materials(2)):
+        data.save_table(m, tmp_path / f"{k}.npz")
+    (tmp_path / "unseen.json").write_text(json.dumps([{"kind": "synthetic", "count": 2}]))
+    out = tmp_path / "net.bsdf"
+    defines = [f"-D{key}={json.dumps(value)}" for key, value in SMALL.items()]
+    arguments = ["search", "ggx", "--data", str(tmp_path / "*.npz"), "--validation", str(tmp_path / "unseen.json")]
+    assert main([*arguments, "-o", str(out), "--variant", "llvm_ad_rgb", "--json", *defines]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert result["model"] == str(Material.load(out).brdf) and result["stages"][-1]["validation"] > 0
+    assert (tmp_path / "net.search" / "search.png").exists()
+    assert main(["search", "ggx", "--data", str(tmp_path / "*.xyz"), "-o", str(out)]) == 2
+    assert "no file matches" in capsys.readouterr().err
+
+
+def test_the_live_table_shows_states(finished, monkeypatch):
+    """What a user sees while a stage runs, and the line after it."""
+    from rich.console import Console
+
+    from mi_enhance.search_view import LiveTable
+
+    folder, found = finished
+    setup = candidate.Setup(folder)
+    view = LiveTable(folder, setup)
+    view._console = Console(record=True, width=160)
+    current = tuple(found.stages[0]["current"])
+    around = state.neighbours(current, setup.choices)
+    view.started(1, current, around)
+    view._console.print(view._table())
+    view.finished(found.stages[:1])
+    text = view._console.export_text()
+    assert (
+        "stage 1: 3 of 3 candidates" in text and "[G]" in text and "32/32" in text and found.stages[0]["equation"] in text
+    )
