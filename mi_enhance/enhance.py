@@ -223,7 +223,9 @@ def _parameter_features(p: Mapping, inputs: str, model: Model) -> list:
     """
     if inputs == "shape":
         # 1e-4: sqrt has a finite slope at F0 = 0
-        analytic = [dr.log(p[q.name]) / 4 if q.log else dr.sqrt(p[q.name] + 1e-4) for q in _shape(model)]
+        # what may be negative stays as it is
+        root = lambda q: dr.sqrt(p[q.name] + 1e-4) if q.low >= 0 else p[q.name]  # noqa: E731
+        analytic = [dr.log(p[q.name]) / 4 if q.log else root(q) for q in _shape(model)]
     elif inputs == "directions":
         frame, colours = [p["n_x"], p["n_y"], p["t_theta"]], [*p["rho_d"], *p["rho_s"]]
         analytic = [*frame, *colours, p["alpha_x"], p["alpha_y"], p["F0"]]
@@ -342,15 +344,16 @@ def enhance(
     networks = {}
     for node in model.graph.walk():
         if node.name in replace:
-            folded, varying, out = _sizes(node, n_params, n_directional)
+            folded, varying, out = _sizes(node, model, n_params, n_directional)
             networks[node.name] = nn.xavier((folded + varying, *hidden, out), folded, rng, modulated and folded > 0)
     return EnhancedBRDF(model, networks, n_latent, inputs)
 
 
-def _sizes(node: Node, n_params: int, n_directional: int) -> tuple[int, int, int]:
+def _sizes(node: Node, model: Model, n_params: int, n_directional: int) -> tuple[int, int, int]:
     """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
     if node.args:
         return 0, 2, 1
     directional = bool(_DIRECTIONAL & set(node.inputs))
-    # A term without directions stands for a colour (M, S); with directions for a scalar (D, F, G, 1/E).
-    return n_params, n_directional if directional else 0, 1 if directional else 3
+    # A term that reads a colour stands for one (M, S), any other for a scalar (D, F, G, 1/E).
+    colour = any(p.is_colour and p.name in node.inputs for p in model.parameters)
+    return n_params, n_directional if directional else 0, 3 if colour else 1

@@ -58,7 +58,7 @@ class Material:
 
     @staticmethod
     def analytic(name: str) -> Material:
-        """An analytic model without networks, at its starting values."""
+        """An analytic model without networks, at its starting values; by name, or from a ``.toml`` file."""
         return Material(enhance(name, replace=()), {})
 
     @staticmethod
@@ -223,6 +223,7 @@ class Material:
             "format": FORMAT,
             "equation": str(brdf),
             "model": brdf.model.name,
+            "model_text": brdf.model.text,
             "replace": list(brdf.networks),
             "hidden": list(next(iter(brdf.networks.values())).sizes[1:-1]) if brdf.networks else [],
             "n_latent": brdf.n_latent,
@@ -261,7 +262,7 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
                 "8 layers of 1 to 1024, n_latent 0 to 1024"
             )
         return enhance(
-            models.get(description["model"]),
+            _model(description),
             description["replace"],
             n_latent=description["n_latent"],
             hidden=hidden or nn.HIDDEN,
@@ -270,6 +271,12 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: its description cannot be understood: {error}.") from error
+
+
+def _model(description: dict) -> models.Model:
+    """The package's own by name, another from the text that is in the file: no other file is read."""
+    text = description.get("model_text", "")
+    return models.from_expression(text) if text else models.registered(description["model"])
 
 
 def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: str, library) -> Material:

@@ -6,11 +6,13 @@ import dataclasses
 import difflib
 import inspect
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import drjit as dr
 
+from . import model_file, terms
 from . import parameters as p
-from . import terms
+from .data._io import require_file
 from .graph import Node
 
 
@@ -109,6 +111,8 @@ class Model:
         ``lobes(params) -> [(rho_s, alpha_x, alpha_y), ...]``: GGX lobes that cover the model's own, for sampling.
     v_cavity : bool
         True if the model masks with V-cavities: visible normals are then drawn with theirs instead of Smith's.
+    text : str
+        What a model of :func:`from_expression` was read from; files keep it.
 
     Examples
     --------
@@ -125,6 +129,7 @@ class Model:
     starts: tuple[dict[str, float], ...] = _ROUGHNESSES
     lobes: Callable[[Mapping], list[tuple]] = lobes_of_alpha
     v_cavity: bool = False
+    text: str = dataclasses.field(default="", repr=False)
 
     def __str__(self) -> str:
         return str(self.graph)
@@ -353,22 +358,86 @@ MODELS = {
 
 
 def get(name: str) -> Model:
-    """Return the model called `name`.
+    """Return the model called `name`, or the one in a file of :func:`from_expression`.
+
+    Parameters
+    ----------
+    name : str
+        ``"ggx"``, or a path that ends in ``.toml``.
 
     Raises
     ------
     KeyError
         If there is none; the message lists the choices.
+    FileNotFoundError, ValueError
+        If there is no such file, or it is not a model.
 
     Examples
     --------
     >>> get("ggx").name
     'ggx'
     """
+    return from_expression(Path(name)) if str(name).endswith(".toml") else registered(name)
+
+
+def registered(name: str) -> Model:
+    """Return one of the package's own models by name, as :func:`get`; never a file."""
     if name not in MODELS:
         hint = difflib.get_close_matches(name, MODELS, 1)
         raise KeyError(
-            f'models.get(): unknown model "{name}". Choose one of: {", ".join(sorted(MODELS))}.'
+            f'models.get(): unknown model "{name}". Choose one of: {", ".join(sorted(MODELS))}, or give a .toml file.'
             + (f' Did you mean "{hint[0]}"?' if hint else "")
         )
     return MODELS[name]()
+
+
+def from_expression(text: str | Path) -> Model:
+    """Make a model from a text in which every term is an expression; see docs/files.md for the format.
+
+    Parameters
+    ----------
+    text : str or Path
+        The text itself, or a ``Path`` to a file that holds it. A text is never taken for a path: texts come out of
+        material files, which must not make the package read others.
+
+    Returns
+    -------
+    Model
+        With `text`, so that a material of it can be saved and loaded where the file is not.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or the text is not a model; the message says what is wrong and what is allowed.
+
+    Examples
+    --------
+    >>> blinn_phong = from_expression('''
+    ... name = "blinn_phong"
+    ... formula = "M + S * D"
+    ... [terms]
+    ... M = "rho_d / pi"
+    ... S = "rho_s"
+    ... D = "(n + 2) / (2 * pi) * cos_theta_h ** n"
+    ... [parameters]
+    ... rho_d = true
+    ... rho_s = true
+    ... n = { low = 1, high = 1e5, initial = 100, log = true }
+    ... [[lobes]]
+    ... rho_s = "rho_s"
+    ... alpha_x = "sqrt(2 / (n + 2))"
+    ... alpha_y = "sqrt(2 / (n + 2))"
+    ... ''')
+    >>> print(blinn_phong, blinn_phong.graph.slots)
+    M + S * D ('M', 'M+S', 'S', 'S*D', 'D')
+    """
+    where = "from_expression()"
+    if isinstance(text, Path):
+        where = f'models.get("{text}")'
+        try:
+            text = require_file(text, where).read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{where}: this is not text in UTF-8 ({error}). Save it as one.") from None
+    elif str(text).endswith(".toml"):
+        raise ValueError(f'{where}: "{text}" is a path, not a model. Use models.get("{text}"), or give a Path.')
+    return Model(**model_file.parse(text, where), text=text)
