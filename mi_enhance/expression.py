@@ -29,24 +29,33 @@ _TINY, _MAX_EXPONENT, _MAX_COS = 1e-15, 40.0, 1 - 1e-6
 _MAX_POWER = 64  # a whole exponent is a product, of a base of any sign, up to here
 
 
+# By select: dr.maximum() multiplies what comes from above by 0 where it is cut off, and infinity would become NaN.
+def _maximum(a, b):
+    return dr.select(a > b, a, b)
+
+
+def _minimum(a, b):
+    return dr.select(a < b, a, b)
+
+
 def _exp(x):
-    return dr.exp(dr.minimum(x, _MAX_EXPONENT))
+    return dr.exp(_minimum(x, _MAX_EXPONENT))
 
 
 def _log(x):
-    return dr.log(dr.maximum(x, _TINY))
+    return dr.log(_maximum(x, _TINY))
 
 
 _FUNCTIONS = {
-    "sqrt": (1, lambda x: dr.sqrt(dr.maximum(x, _TINY))),
+    "sqrt": (1, lambda x: dr.sqrt(_maximum(x, _TINY))),
     "exp": (1, _exp),
     "log": (1, _log),
     "sin": (1, dr.sin),
     "cos": (1, dr.cos),
-    "acos": (1, lambda x: dr.acos(dr.clip(x, -_MAX_COS, _MAX_COS))),
+    "acos": (1, lambda x: dr.acos(_maximum(_minimum(x, _MAX_COS), -_MAX_COS))),
     "abs": (1, dr.abs),
-    "minimum": (2, dr.minimum),
-    "maximum": (2, dr.maximum),
+    "minimum": (2, _minimum),
+    "maximum": (2, _maximum),
 }
 RESERVED = (*_FUNCTIONS, "pi")
 _SIGNS = {ast.UAdd: lambda a: a, ast.USub: lambda a: -a}
