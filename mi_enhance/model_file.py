@@ -25,7 +25,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-_MAX_TEXT, _MAX_ITEMS, _MAX_DEPTH = 20_000, 40, 20  # characters; terms, parameters, starts; parentheses in the formula
+# Characters (a key of many dots costs time as their square); terms, parameters, starts; parentheses in the formula.
+_MAX_TEXT, _MAX_ITEMS, _MAX_DEPTH = 10_000, 40, 20
 # What terms may read of a pair of directions: the keys of geometry.quantities().
 DIRECTIONAL = {
     **dict.fromkeys(("wi", "wo", "h"), "direction"),
@@ -80,11 +81,13 @@ def parse(text: str, where: str) -> dict:
         slot: expression.parse(v, {**DIRECTIONAL, **kinds}, f"{where}: [terms] {slot[:60]}")
         for slot, v in _table(given, "terms", where).items()
     }
+    graph = _graph(_get(given, "formula", str, where), terms, f"{where}: formula")
     _check_terms(terms, kinds, where)
+    _check_linear(graph, terms, f"{where}: formula")
     fields = {
         "name": name,
         "source": _get(given, "source", str, where, ""),
-        "graph": _graph(_get(given, "formula", str, where), terms, f"{where}: formula"),
+        "graph": graph,
         "parameters": all_parameters,
         "v_cavity": _get(given, "v_cavity", bool, where, False),
     }
@@ -258,15 +261,14 @@ def _graph(formula: str, terms: Mapping[str, Expression], where: str) -> Node:
     graph = total(0)
     if tokens:
         raise unexpected()
-    if not _is_colour(graph, terms, where):
-        raise ValueError(f"{where}: {graph} has no colour. Let every summand have a factor that reads one.")
     return graph
 
 
-def _is_colour(node: Node, terms: Mapping[str, Expression], where: str) -> bool:
+def _check_linear(node: Node, terms: Mapping[str, Expression], where: str) -> bool:
+    """Tell whether `node` is proportional to a colour; that of the formula is, since M is one of its terms."""
     if not node.args:
         return terms[node.name].is_colour
-    a, b = (_is_colour(arg, terms, where) for arg in node.args)
+    a, b = (_check_linear(arg, terms, where) for arg in node.args)
     if node.symbol == "+" and a != b:
         raise ValueError(f"{where}: {node} adds a colour and a number. Let every summand have a factor with a colour.")
     if node.symbol == "*" and a and b:
