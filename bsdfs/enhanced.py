@@ -41,6 +41,11 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
    - Shape of the highlight and index of refraction of model ``abc``, instead of the file's.
    - |exposed|, |differentiable|
 
+ * - n_u, n_v
+   - |float| or |texture|
+   - Exponents along tangent and bitangent of model ``ashikhmin_shirley``, instead of the file's.
+   - |exposed|, |differentiable|
+
  * - latent
    - |exposed|, |differentiable|
    - The neural parameters; from the file only.

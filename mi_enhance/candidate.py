@@ -102,12 +102,18 @@ def _train(folder: Path, stage: int, digits: state.State, parent: state.State) -
     return result
 
 
+def model_of(settings: dict) -> models.Model:
+    """The model that the settings of a search name, or hold as a text."""
+    text = settings["model"]
+    return models.from_expression(text) if "\n" in text else models.registered(text)
+
+
 class Setup:
     """What all candidates of a search share, read once per process: settings, model, choices, samples."""
 
     def __init__(self, folder: Path):
         self.settings = json.loads((folder / "search.json").read_text())
-        self.model = models.get(self.settings["model"])
+        self.model = model_of(self.settings)
         names = ("modules", "alternatives", "fixed", "nodes_only")
         self.choices = state.choices(self.model, **{name: self.settings[name] for name in names})
         self.build = {name: self.settings[name] for name in ("inputs", "modulated", "n_latent", "seed")}

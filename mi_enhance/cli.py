@@ -88,7 +88,7 @@ def parser() -> argparse.ArgumentParser:
         "-m",
         "--network",
         default=DEFAULT_NETWORK,
-        help="trained network: a .bsdf file or the name of a shipped one (default: %(default)s)",
+        help="trained network: a .bsdf file or the name of a shipped one (default: %(default)s); or a model, .toml",
     )
     method = argparse.ArgumentParser(add_help=False)
     method.add_argument(

@@ -265,4 +265,6 @@ def _network(name: str):
     from ._files import network_file
     from .material import Material
 
+    if name.endswith(".toml"):
+        return Material.analytic(name)
     return Material.load(name if name.endswith(".bsdf") else network_file(name))

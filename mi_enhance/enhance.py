@@ -51,8 +51,7 @@ class EnhancedBRDF:
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
         asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.networks else ()
         latent = (parameters.latent(self.n_latent),) if reads_latent else ()
-        directional = (slot for slot, mlp in self.networks.items() if 0 < mlp.n_folded < mlp.sizes[0])
-        norms = map(parameters.norm, directional) if asymmetry else ()
+        norms = (parameters.norm(slot) for slot, mlp in self.networks.items() if mlp.n_folded) if asymmetry else ()
         return (*self.model.parameters, *asymmetry, *latent, *norms)
 
     @property
@@ -178,8 +177,7 @@ class EnhancedBRDF:
         error = 0
         for slot in self.networks:
             node = self.model.graph.find(slot)
-            function = functions[slot]
-            value = function(*(a(record) for a in node.args)) if node.args else function(record)
+            value = functions[slot](*(a(record) for a in node.args)) if node.args else functions[slot](record)
             error += dr.mean(dr.square(log(value) - log(node(record))), axis=None)
         return error
 
@@ -193,17 +191,17 @@ class EnhancedBRDF:
         """The callable that stands in for `slot`."""
         if self.model.graph.find(slot).args:
             return lambda a, b: _operator(evaluator, bias, a, b)
-        x = x if self.networks[slot].sizes[0] > self.networks[slot].n_folded else []
-        if not x and self.inputs in COLOURLESS:
-            # Colours are no inputs: such a network scales the term it stands for, and f stays linear in its colour.
-            node = self.model.graph.find(slot)
-            return lambda record: node(record) * mi.Color3f(*map(_exp, evaluator(x, bias)))
-        name = f"norm_{slot}"
+        mlp, name = self.networks[slot], f"norm_{slot}"
+        x = x if mlp.sizes[0] > mlp.n_folded else []
 
         def term(record):
             out = [_exp(y + record[name]) if name in record else _exp(y) for y in evaluator(x, bias)]
             return out[0] if len(out) == 1 else mi.Color3f(*out)
 
+        if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:
+            # Colours are no inputs: such a network scales the term it stands for, and f stays linear in its colour.
+            node = self.model.graph.find(slot)
+            return lambda record: node(record) * term(record)
         return term
 
 
@@ -300,17 +298,18 @@ def enhance(
     networks = {}
     for node in model.graph.walk():
         if node.name in replace:
-            folded, varying, out = _sizes(node, n_params, features.n_of_directions(model, inputs, node))
+            folded, varying, out = _sizes(node, model, n_params, features.n_of_directions(model, inputs, node))
             networks[node.name] = nn.xavier(
                 (folded + varying, *replace[node.name], out), folded, rng, modulated and folded > 0
             )
     return EnhancedBRDF(model, networks, n_latent, inputs)
 
 
-def _sizes(node: Node, n_params: int, n_directional: int) -> tuple[int, int, int]:
+def _sizes(node: Node, model: Model, n_params: int, n_directional: int) -> tuple[int, int, int]:
     """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
     if node.args:
         return 0, 2, 1
     directional = bool(geometry.QUANTITIES & set(node.inputs))
-    # A term without directions gets a network without directions, and stands for a colour (M, S); others are scalars.
-    return n_params, n_directional if directional else 0, 1 if directional else 3
+    # A term that reads a colour stands for one (M, S), any other for a scalar (D, F, G, 1/E).
+    colour = any(p.is_colour and p.name in node.inputs for p in model.parameters)
+    return n_params, n_directional if directional else 0, 3 if colour else 1

@@ -47,8 +47,9 @@ def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
     material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
     """
     if inputs in COLOURLESS:
-        # 1e-4: sqrt has a finite slope at F0 = 0
-        analytic = [dr.log(p[q.name]) / 4 if q.log else dr.sqrt(p[q.name] + 1e-4) for q in _shape(model)]
+        # 1e-4: sqrt has a finite slope at F0 = 0; what may be negative stays as it is
+        root = lambda q: dr.sqrt(p[q.name] + 1e-4) if q.low >= 0 else p[q.name]  # noqa: E731
+        analytic = [dr.log(p[q.name]) / 4 if q.log else root(q) for q in _shape(model)]
     elif inputs == "directions":
         frame, colours = [p["n_x"], p["n_y"], p["t_theta"]], [*p["rho_d"], *p["rho_s"]]
         analytic = [*frame, *colours, p["alpha_x"], p["alpha_y"], p["F0"]]

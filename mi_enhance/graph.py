@@ -124,7 +124,10 @@ class Node:
     def __str__(self) -> str:
         label = self.symbol or self.label or self.name
         label = f"[{label}]" if self.replaced else label
-        return f" {label} ".join(map(str, self.args)) if self.args else label
+        if not self.args:
+            return label
+        # a sum inside of a product needs its parentheses
+        return f" {label} ".join(f"({a})" if (self.symbol, a.symbol) == ("*", "+") else str(a) for a in self.args)
 
 
 def _join(symbol: str, fn: Callable, a: Node, b: Node) -> Node:

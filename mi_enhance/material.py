@@ -58,7 +58,7 @@ class Material:
 
     @staticmethod
     def analytic(name: str) -> Material:
-        """An analytic model without networks, at its starting values."""
+        """An analytic model without networks, at its starting values; by name, or from a ``.toml`` file."""
         return Material(enhance(name, replace=()), {})
 
     @staticmethod
@@ -223,6 +223,7 @@ class Material:
             "format": FORMAT,
             "equation": str(brdf),
             "model": brdf.model.name,
+            "model_text": brdf.model.text,
             "terms": dict(brdf.model.terms),
             "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.networks.items()},
             "n_latent": brdf.n_latent,
@@ -263,7 +264,7 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
         if not 0 <= n_latent <= 1024:
             raise ValueError(f"n_latent {n_latent} out of range: 0 to 1024")
         return enhance(
-            alternatives.with_terms(models.get(description["model"]), description.get("terms", {})),
+            alternatives.with_terms(_model(description), description.get("terms", {})),
             {slot: [int(n) for n in hidden] for slot, hidden in replace.items()},
             n_latent=n_latent,
             inputs=description["inputs"],
@@ -271,6 +272,12 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{where}: its description cannot be understood: {error}.") from error
+
+
+def _model(description: dict) -> models.Model:
+    """The package's own by name, another from the text that is in the file: no other file is read."""
+    text = description.get("model_text", "")
+    return models.from_expression(text) if text else models.registered(description["model"])
 
 
 def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: str, library) -> Material:

@@ -6,11 +6,13 @@ import dataclasses
 import difflib
 import inspect
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import drjit as dr
 
+from . import model_file, terms
 from . import parameters as p
-from . import terms
+from .data._io import require_file
 from .graph import Node
 
 
@@ -45,6 +47,11 @@ def alpha_of_abc(B, C):
     half2 = x * (2 - x)
     # 1e-4: where Mitsuba's own microfacet distribution ends
     return dr.maximum(dr.sqrt(dr.sqrt(peak2 * half2)), 1e-4)
+
+
+def lobes_of_ashikhmin_shirley(params: Mapping) -> list[tuple]:
+    """A GGX lobe for cos^n of the roughness alpha^2 = 2 / (n + 2), with which Beckmann's lobe is closest to it."""
+    return [(params["rho_s"], *(dr.sqrt(2 / (params[n] + 2)) for n in ("n_u", "n_v")))]
 
 
 # The loss has a local minimum for each lobe width it can explain: one start for each.
@@ -86,6 +93,9 @@ _ABC_STARTS = tuple(
     )
 )
 
+# Roughnesses of 0.02 to 0.8, alpha^2 = 2 / (n + 2).
+_EXPONENTS = tuple({"n_u": n, "n_v": n} for n in (5000.0, 550.0, 87.0, 20.0, 6.0, 1.1))
+
 
 @dataclasses.dataclass(frozen=True)
 class Model:
@@ -109,6 +119,8 @@ class Model:
         Slots that hold another analytic term than the model's own, see :mod:`mi_enhance.alternatives`.
     extra : tuple of str
         Names of the parameters that those terms brought; networks do not read them.
+    text : str
+        What a model of :func:`from_expression` was read from; files keep it.
 
     Examples
     --------
@@ -127,7 +139,7 @@ class Model:
     v_cavity: bool = False
     terms: Mapping[str, str] = dataclasses.field(default_factory=dict)
     extra: tuple[str, ...] = ()
-    text: str = ""
+    text: str = dataclasses.field(default="", repr=False)
 
     def __str__(self) -> str:
         return str(self.graph)
@@ -260,6 +272,43 @@ def abc() -> Model:
     )
 
 
+def ashikhmin_shirley() -> Model:
+    r"""Ashikhmin and Shirley's anisotropic Phong model over a diffuse term that leaves room for it; 12 parameters.
+
+    .. math::
+        f = \frac{\rho_d}{\pi} B + \rho_s \frac{D F}{4 \cos\theta_d \max(\cos\theta_i, \cos\theta_o)}
+
+    The original has one specular colour R_s, in Schlick's term and, as 1 - R_s, in the diffuse one. Here F0 stands in
+    both places and rho_s scales the specular term alone, so that f is linear in the colours: with a grey R_s the
+    original is F0 = R_s and rho_s = 1. With another rho_s the two terms together may reflect more or less than 1.
+    rho_d is not quite the albedo of the diffuse term, which falls towards grazing angles.
+
+    Returns
+    -------
+    Model
+
+    References
+    ----------
+    Ashikhmin and Shirley 2000, *An Anisotropic Phong BRDF Model*.
+
+    Examples
+    --------
+    >>> print(ashikhmin_shirley())
+    M * B + S * D * F * 1/E
+    """
+    m, b = Node("M", terms.M_lambert), Node("B", terms.B_ashikhmin_shirley)
+    s, d, f = Node("S", terms.S_constant), Node("D", terms.D_ashikhmin_shirley), Node("F", terms.F_schlick)
+    return Model(
+        name="ashikhmin_shirley",
+        graph=m * b + s * (d * (f * Node("1/E", terms.inv_E_ashikhmin_shirley))),
+        parameters=(p.N_X, p.N_Y, p.T_THETA, p.RHO_D, p.RHO_S, p.N_U, p.N_V, p.F0),
+        source="Ashikhmin and Shirley 2000",
+        starts=_EXPONENTS,
+        lobes=lobes_of_ashikhmin_shirley,
+        v_cavity=True,  # towards grazing angles this lobe, too, grows as 1 / cos_theta_i
+    )
+
+
 def ggx2() -> Model:
     """Two GGX lobes over a directional diffuse term: 17 parameters, 12 terms, 11 operators.
 
@@ -308,26 +357,97 @@ def _second(name: str, term: Callable) -> Node:
     return Node(name, lambda **q: term(**{n: q[own[n]] for n in own}), inputs=tuple(own.values()))
 
 
-MODELS = {"ggx": ggx, "ggx2": ggx2, "cook_torrance": cook_torrance, "ward": ward, "abc": abc}
+MODELS = {
+    "ggx": ggx,
+    "ggx2": ggx2,
+    "cook_torrance": cook_torrance,
+    "ward": ward,
+    "abc": abc,
+    "ashikhmin_shirley": ashikhmin_shirley,
+}
 
 
 def get(name: str) -> Model:
-    """Return the model called `name`.
+    """Return the model called `name`, or the one in a file of :func:`from_expression`.
+
+    Parameters
+    ----------
+    name : str
+        ``"ggx"``, or a path that ends in ``.toml``.
 
     Raises
     ------
     KeyError
         If there is none; the message lists the choices.
+    FileNotFoundError, ValueError
+        If there is no such file, or it is not a model.
 
     Examples
     --------
     >>> get("ggx").name
     'ggx'
     """
+    return from_expression(Path(name)) if str(name).endswith(".toml") else registered(name)
+
+
+def registered(name: str) -> Model:
+    """Return one of the package's own models by name, as :func:`get`; never a file."""
     if name not in MODELS:
         hint = difflib.get_close_matches(name, MODELS, 1)
         raise KeyError(
-            f'models.get(): unknown model "{name}". Choose one of: {", ".join(sorted(MODELS))}.'
+            f'models.get(): unknown model "{name}". Choose one of: {", ".join(sorted(MODELS))}, or give a .toml file.'
             + (f' Did you mean "{hint[0]}"?' if hint else "")
         )
     return MODELS[name]()
+
+
+def from_expression(text: str | Path) -> Model:
+    """Make a model from a text in which every term is an expression; see docs/files.md for the format.
+
+    Parameters
+    ----------
+    text : str or Path
+        The text itself, or a ``Path`` to a file that holds it. A text is never taken for a path: texts come out of
+        material files, which must not make the package read others.
+
+    Returns
+    -------
+    Model
+        With `text`, so that a material of it can be saved and loaded where the file is not.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such file, or the text is not a model; the message says what is wrong and what is allowed.
+
+    Examples
+    --------
+    >>> blinn_phong = from_expression('''
+    ... name = "blinn_phong"
+    ... formula = "M + S * D"
+    ... [terms]
+    ... M = "rho_d / pi"
+    ... S = "rho_s"
+    ... D = "(n + 2) / (2 * pi) * cos_theta_h ** n"
+    ... [parameters]
+    ... rho_d = true
+    ... rho_s = true
+    ... n = { low = 1, high = 1e5, initial = 100, log = true }
+    ... [[lobes]]
+    ... rho_s = "rho_s"
+    ... alpha_x = "sqrt(2 / (n + 2))"
+    ... alpha_y = "sqrt(2 / (n + 2))"
+    ... ''')
+    >>> print(blinn_phong, blinn_phong.graph.slots)
+    M + S * D ('M', 'M+S', 'S', 'S*D', 'D')
+    """
+    where = "from_expression()"
+    if isinstance(text, Path):
+        where = f'models.get("{text}")'
+        try:
+            text = require_file(text, where).read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{where}: this is not text in UTF-8 ({error}). Save it as one.") from None
+    elif str(text).endswith(".toml"):
+        raise ValueError(f'{where}: "{text}" is a path, not a model. Use models.get("{text}"), or give a Path.')
+    return Model(**model_file.parse(text, where), text=text)

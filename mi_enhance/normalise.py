@@ -63,18 +63,19 @@ def plain(material: Material) -> Material:
 def _terms(material: Material) -> Iterator[tuple[int, str, parameters.Parameter]]:
     """Additive terms of the BRDF with one colour and a network that can be scaled: number, slot, colour."""
     colours = {p.name: p for p in material.brdf.model.parameters if p.is_colour}
-    for k, term in enumerate(_summands(material.brdf.model.graph)):
-        slots = [n.name for n in term.walk() if f"norm_{n.name}" in material.params]
+    for k, term in enumerate(_parts(material.brdf.model.graph, "+")):
+        slots = [n.name for n in _parts(term, "*") if f"norm_{n.name}" in material.params]
         own = [name for node in term.walk() for name in node.inputs if name in colours]
         operators = any(n.args and n.name in material.brdf.networks for n in term.walk())
         if slots and len(own) == 1 and not operators:  # a network of operands is not linear in them
             yield k, slots[0], colours[own[0]]
 
 
-def _summands(node: Node) -> Iterator[Node]:
-    if node.symbol == "+":
+def _parts(node: Node, symbol: str) -> Iterator[Node]:
+    """The summands ("+") or factors ("*") of a graph."""
+    if node.symbol == symbol:
         for a in node.args:
-            yield from _summands(a)
+            yield from _parts(a, symbol)
     else:
         yield node
 
@@ -99,5 +100,5 @@ def _albedos(material: Material) -> list[tuple[float, float]]:
         f = mi.Color3f(node(record)).x * wo.z / density
         return float(dr.mean(dr.select(active, f, 0))[0])
 
-    pairs = zip(_summands(graph), _summands(brdf.model.graph), strict=True)
+    pairs = zip(_parts(graph, "+"), _parts(brdf.model.graph, "+"), strict=True)
     return [(mean(enhanced), mean(analytic)) for enhanced, analytic in pairs]

@@ -68,6 +68,10 @@ ABC_B = Parameter("B", 1, 1.0, 1e8, 100.0, log=True)
 ABC_C = Parameter("C", 1, 0.01, 10.0, 1.0, log=True)
 IOR = Parameter("ior", 1, 1.0, 100.0, 1.5, log=True)
 
+# Phong exponents along t and b; 1e6 is a roughness of 0.0014.
+N_U = Parameter("n_u", 1, 1.0, 1e6, 100.0, log=True)
+N_V = Parameter("n_v", 1, 1.0, 1e6, 100.0, log=True)
+
 
 # How far networks may tell viewer from light; at 0 the BRDF is exactly reciprocal. Measured files are not.
 ASYMMETRY = Parameter("asymmetry", 1, -2.0, 2.0, 0.0)

@@ -91,7 +91,7 @@ def search(
     Parameters
     ----------
     model : Model or str
-        The analytic model: one that :func:`mi_enhance.models.get` knows, or its name.
+        The analytic model: one of :mod:`mi_enhance.models`, its name, or a ``.toml`` file of one.
     materials : sequence of Measurements, or of dict
         What to train on; dictionaries are sources as in a training configuration, see
         :mod:`mi_enhance.data.training`.
@@ -160,9 +160,9 @@ def _checked(model: models.Model | str, settings: dict) -> dict:
     unknown = set(settings) - set(DEFAULTS)
     if unknown:
         raise ValueError(f"search(): unknown settings {sorted(unknown)}. Choose from: {', '.join(DEFAULTS)}.")
-    name = model if isinstance(model, str) else model.text or model.name
-    settings = {**DEFAULTS, **settings, "model": name}
-    if not isinstance(model, str) and str(models.get(name)) != str(model):
+    model = models.get(model) if isinstance(model, str) else model
+    settings = {**DEFAULTS, **settings, "model": model.text or model.name}
+    if str(candidate.model_of(settings)) != str(model):
         raise ValueError(
             f'search(): model "{model.name}" ({model}) is not the one that name stands for; '
             "files could not say what it is. Write it as a text: models.from_expression."
@@ -180,7 +180,7 @@ def prepare(folder: Path, settings: dict, materials: list, validation: list) -> 
     """Write what all candidates read: settings, samples, the start state with the analytic fit of every material."""
     file = folder / "search.json"
     text = json.dumps(settings, indent=2) + "\n"
-    model = models.get(settings["model"])
+    model = candidate.model_of(settings)
     names = ("modules", "alternatives", "fixed", "nodes_only")
     choices = state.choices(model, **{name: settings[name] for name in names})
     start = (0,) * len(choices)

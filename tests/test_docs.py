@@ -14,7 +14,8 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # What the cell tagged `parameters` of each notebook says here.
 SMALL = {
     "01_quickstart": "resolution, spp, n_samples = 32, 4, 2000",
-    "02_search": 'names, n_samples, epochs, resolution, spp, n_fit = ["gold-paint", "blue-acrylic"], 1280, 1, 32, 4, 2000',
+    "02_search": """names, n_samples, epochs = ["alum-bronze", "blue-acrylic"], 1280, 1
+resolution, spp, n_fit = 32, 4, 2000""",
 }
 
 

@@ -11,8 +11,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # A file may import only files of lower floors. `data` and `bsdfs` are one entry each; what they do inside is their own.
 FLOORS = [
-    ["_files", "_llvm", "geometry", "graph", "nn", "losses", "parameters"],
-    ["terms", "metrics", "data", "scene"],
+    ["_files", "_llvm", "geometry", "graph", "nn", "losses", "parameters", "expression"],
+    ["terms", "model_file", "metrics", "data", "scene"],
     ["models", "picture", "table"],
     ["features", "alternatives"],
     ["enhance"],

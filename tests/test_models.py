@@ -36,12 +36,13 @@ EQUATIONS = {
     "cook_torrance": "M + S * D * F * G * 1/E",
     "ward": "M + S * D * 1/E",
     "abc": "M + S * D * F * G * 1/E",
+    "ashikhmin_shirley": "M * B + S * D * F * 1/E",
 }
 # Narrower than what is allowed, where float32 directions still say something of the lobe.
 USUAL = {
     "n_x": (-0.2, 0.2), "n_y": (-0.2, 0.2), "rho_s": (0, 4), "alpha_x": (0.05, 1), "alpha_y": (0.05, 1),
     "rho_s2": (0, 4), "alpha_x2": (0.05, 1), "alpha_y2": (0.05, 1),
-    "A": (0.1, 100), "B": (3, 1e5), "C": (0.1, 3), "ior": (1.05, 20),
+    "A": (0.1, 100), "B": (3, 1e5), "C": (0.1, 3), "ior": (1.05, 20), "n_u": (1, 800), "n_v": (1, 800),
 }  # fmt: skip
 ROUGHNESSES = ("alpha_x", "alpha_y", "alpha_x2", "alpha_y2")
 
@@ -104,8 +105,8 @@ def test_values_at_extreme_angles_are_the_twins(llvm, name):
     """Wide lobes, whose value at a grazing or mirrored pair does not hang on the last bit of h."""
     brdf = enhance(name, ())
     frame = {"n_x": (0, 0), "n_y": (0, 0)}  # a tilt moves a cosine of 1e-4 by the rounding of the frame
-    wide = {name: (0.3, 1) for name in ROUGHNESSES}
-    p = materials(brdf.model, 6000, usual={**USUAL, **frame, **wide, "B": (1, 100)})
+    wide = {name: (0.3, 1) for name in ROUGHNESSES} | {"B": (1, 100), "n_u": (1, 20), "n_v": (1, 20)}
+    p = materials(brdf.model, 6000, usual={**USUAL, **frame, **wide})
     wi, wo = pairs(6000)
     # 1e-3: a cosine of 1e-4 that passed through a frame has lost three of its digits
     np.testing.assert_allclose(lanes.evaluate(brdf, wi, wo, p), twin.analytic(name, wi, wo, p), rtol=1e-3, atol=DARK)
@@ -125,6 +126,7 @@ def test_gradient_of_every_parameter_is_the_twins(llvm, name):
     """Of the loss's log(1 + f cos), each lane a material of its own."""
     brdf, n = enhance(name, ()), 1500
     usual = {**USUAL, **{name: (0.1, 1) for name in ROUGHNESSES}, "F0": (0.01, 0.95), "B": (3, 1e3)}
+    usual |= {"n_u": (1, 200), "n_v": (1, 200)}
     p = materials(brdf.model, n, seed=2, usual=usual)
     wi, wo = twin.pairs(n, seed=3, min_cos=0.1)
     values = lanes.parameters(p)

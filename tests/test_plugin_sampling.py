@@ -29,6 +29,8 @@ OTHERS = {
     "ward": {"n_x": 0.2, "n_y": -0.1, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.4},
     "abc": {"A": (5.0, 3.0, 2.0), "B": 200.0, "C": 1.2},
     "abc, wide tails": {"A": (1.0, 0.5, 0.4), "B": 5e3, "C": 0.5, "ior": 8.0},
+    "ashikhmin_shirley": {"n_x": 0.2, "n_y": -0.1, "t_theta": 0.7, "n_u": 200.0, "n_v": 10.0, "F0": 0.5},
+    "ashikhmin_shirley, roughest": {"n_u": 1.0, "n_v": 1.0},
 }
 
 

@@ -182,6 +182,17 @@ def test_weights_of_gaussian_lobes_are_bounded(llvm, name, alpha, frame):
     assert (weight < 1.01 * 2 * (0.2 + 4 / np.e * factor * np.maximum(wo[:, 2] / cos_o, 1))).all()
 
 
+@pytest.mark.parametrize("n", [(1, 1), (1, 1e6), (20, 20), (3, 1e5), (1e4, 1e4), (1e6, 1e6)], ids=str)
+@pytest.mark.parametrize("frame", [FLAT, TILTED], ids=["flat", "tilted"])
+def test_weights_of_ashikhmin_shirley_are_bounded(llvm, n, frame):
+    """As for Gaussian lobes, which cos^n becomes for large n; the diffuse term is at most 28/23 of Lambert's."""
+    values = dict(zip(("n_x", "n_y", "t_theta"), frame, strict=True)) | {"n_u": n[0], "n_v": n[1]}
+    p = {k: mi.Float(v) for k, v in values.items()} | {"F0": mi.Float(0.5)}
+    wi, wo, weight = weights("ashikhmin_shirley", p | {"rho_d": mi.Color3f(0.2), "rho_s": mi.Color3f(1)})
+    tilt = np.maximum(wo[:, 2] / np.maximum(wo @ twin.frame(*frame)[2], 1e-7), 1)
+    assert (weight < 1.01 * 2 * (0.2 * 28 / 23 + 4 / np.e * tilt)).all()
+
+
 # Low et al. 2012, as in dj_brdf: the most extreme ones of each parameter, and those with the widest tails.
 PUBLISHED = {
     "chrome": (987.0, 64661.0, 1.905, 99.9994),

@@ -309,5 +309,8 @@ def test_the_live_table_shows_states(finished, monkeypatch):
     view.finished(found.stages[:1])
     text = view._console.export_text()
     assert (
-        "stage 1: 3 of 3 candidates" in text and "[G]" in text and "32/32" in text and found.stages[0]["equation"] in text
+        "stage 1: 3 of 3 candidates" in text
+        and "[G]" in text
+        and "32/32" in text
+        and found.stages[0]["equation"] in text
     )

@@ -177,6 +177,37 @@ def test_D_abc_is_the_twins(llvm, B, C):
     np.testing.assert_allclose(got, expected, rtol=(3 + C * np.log1p(B)) * 1e-6, atol=1e-37)  # the exponent's rounding
 
 
+@pytest.mark.parametrize("n_u, n_v", [(1, 1), (1, 1e6), (100, 20), (1e4, 1e4), (1e6, 1e6)])
+def test_D_ashikhmin_shirley_is_the_twins(llvm, n_u, n_v):
+    """Also in the middle of the narrowest lobe, where the exponent is 0 / 0 and log(h_z) has no digit left."""
+    theta = np.concatenate([np.geomspace(1e-8, np.arccos(2e-4), 400), [0.0]])
+    phi = np.concatenate([np.linspace(0, 2 * np.pi, 400), [0.0]])
+    h = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1).astype(np.float32)
+    got = finite_gradients(terms.D_ashikhmin_shirley, vectors(h), *lanes(len(h), n_u, n_v))
+    # cos(theta) from its sine: float32's h_z near 1 is what the term does without
+    h = h.astype(np.float64)
+    sin2 = h[:, 0] ** 2 + h[:, 1] ** 2
+    h[:, 2] = np.where(sin2 < 0.01, np.sqrt(1 - np.minimum(sin2, 0.5)), h[:, 2])
+    expected = twin.D_ashikhmin_shirley(h, np.float64(np.float32(n_u)), np.float64(np.float32(n_v)))
+    # the exponent's rounding counts in full: 80 times at exp(-80), where float32 ends
+    np.testing.assert_allclose(got, expected, rtol=80 * ROUNDING, atol=1e-33 * expected.max())
+    near = expected > 1e-2 * expected.max()
+    np.testing.assert_allclose(got[near], expected[near], rtol=5 * ROUNDING)
+    below = finite_gradients(terms.D_ashikhmin_shirley, vectors([[1, 0, 1e-7], [0, 1, 0]]), *lanes(2, n_u, n_v))
+    assert (0 <= below).all() and (below <= 1e-4 * expected.max()).all()
+
+
+@pytest.mark.parametrize("n_u, n_v", [(1, 1), (3, 80), (500, 20)])
+def test_D_ashikhmin_shirley_integrates_to_one_without_a_cosine(llvm, n_u, n_v):
+    """Midpoints in (cos(theta_h)^n, phi_h), n of the wider side."""
+    n, k = 1000, min(n_u, n_v) + 1
+    v, phi = np.meshgrid((np.arange(n) + 0.5) / n, (np.arange(n) + 0.5) / n * 2 * np.pi)
+    z = v ** (1 / k)
+    h = np.stack([np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z], -1).reshape(-1, 3)
+    d = np.array(terms.D_ashikhmin_shirley(vectors(h), mi.Float(n_u), mi.Float(n_v)), np.float64).reshape(n, n)
+    assert np.mean(d * v ** (1 / k - 1) / k) * 2 * np.pi == pytest.approx(1, abs=1e-3)  # midpoints of a tall, thin lobe
+
+
 def test_F_dielectric_is_the_twins_and_mitsubas(llvm):
     cos = np.concatenate([[0, 1e-6, 1e-4, 1e-3], np.linspace(0.01, 1, 500)]).astype(np.float32)
     for ior in (1.0, 1.0001, 1.04, 1.5, 3.0, 100.0):
@@ -227,3 +258,22 @@ def test_other_normalisations_have_a_floor(llvm, f, expected):
     ci, co = np.geomspace(1e-8, 1, 300).astype(np.float32), np.linspace(0, 1, 300).astype(np.float32)
     got = finite_gradients(getattr(terms, f), mi.Float(ci), mi.Float(co))
     np.testing.assert_allclose(got, expected(ci.astype(np.float64), co.astype(np.float64)), rtol=ROUNDING)
+
+
+def test_normalisation_of_ashikhmin_shirley_has_a_floor(llvm):
+    d, i, o = (np.random.default_rng(0).permutation(np.geomspace(1e-8, 1, 300)).astype(np.float32) for _ in range(3))
+    got = finite_gradients(terms.inv_E_ashikhmin_shirley, *(mi.Float(v) for v in (d, i, o)))
+    expected = twin.inv_E_ashikhmin_shirley(*(v.astype(np.float64) for v in (d, i, o)))
+    np.testing.assert_allclose(got, expected, rtol=ROUNDING)
+
+
+@pytest.mark.parametrize("F0", [0.0, 0.04, 1.0])
+def test_diffuse_term_of_ashikhmin_shirley_leaves_room_for_the_specular_one(llvm, F0):
+    """Its albedo is (1 - F0) (1 - (1 - cos/2)^5) from every view, which is what their 28/23 is for, and below 1 - F."""
+    n = 400
+    cos = (np.arange(n) + 0.5) / n
+    ci, co = (v.ravel().astype(np.float32) for v in np.meshgrid(cos, cos, indexing="ij"))
+    b = finite_gradients(terms.B_ashikhmin_shirley, mi.Float(ci), mi.Float(co), *lanes(n * n, F0)).reshape(n, n)
+    albedo = np.mean(b * cos, 1) * 2
+    np.testing.assert_allclose(albedo, (1 - F0) * (1 - (1 - cos / 2) ** 5), rtol=1e-4)  # 400 midpoints, float32
+    assert (albedo <= 1 - twin.F_schlick(cos, F0) + 1e-6).all() and (b >= 0).all()

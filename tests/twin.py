@@ -98,6 +98,18 @@ def G_v_cavity(wi, wo, h):
     return np.minimum(1, 2 * h[..., 2] / along * np.minimum(wi[..., 2], wo[..., 2]))
 
 
+def D_ashikhmin_shirley(h, n_u, n_v):
+    """Ashikhmin and Shirley 2000, by theta and phi; the 1/4 of their 1 / (8 pi) is left to 1/E."""
+    theta, phi = np.arctan2(np.hypot(h[..., 0], h[..., 1]), h[..., 2]), np.arctan2(h[..., 1], h[..., 0])
+    exponent = n_u * np.cos(phi) ** 2 + n_v * np.sin(phi) ** 2
+    return np.sqrt((n_u + 1) * (n_v + 1)) / (2 * np.pi) * np.cos(theta) ** exponent
+
+
+def inv_E_ashikhmin_shirley(cos_theta_d, cos_theta_i, cos_theta_o):
+    """Cosines below 1e-4 count as 1e-4."""
+    return 0.25 / (np.maximum(cos_theta_d, 1e-4) * np.maximum(np.maximum(cos_theta_i, cos_theta_o), 1e-4))
+
+
 def mlp(layers, x):
     """(N, in) -> (N, out)."""
     for k, (w, b) in enumerate(layers):
@@ -188,6 +200,18 @@ def _lobe_abc(i, o, h, p):
     return p["A"] * (d * f * G_v_cavity(i, o, h) * inv_E(i[:, 2], o[:, 2]) * 4 / np.pi)[:, None]
 
 
+def _lobe_ashikhmin_shirley(i, o, h, p):
+    cos_d = np.sum(o * h, -1)
+    d, f = D_ashikhmin_shirley(h, p["n_u"], p["n_v"]), F_schlick(cos_d, p["F0"])
+    return p["rho_s"] * (d * f * inv_E_ashikhmin_shirley(cos_d, i[:, 2], o[:, 2]))[:, None]
+
+
+def _diffuse_ashikhmin_shirley(i, o, p):
+    """28 rho_d / (23 pi) (1 - R_s) ..., over Lambert's rho_d / pi; F0 for R_s."""
+    sides = [1 - (1 - w[:, 2] / 2) ** 5 for w in (i, o)]
+    return (28 / 23 * (1 - p["F0"]) * sides[0] * sides[1])[:, None]
+
+
 def _lobe_ggx2(i, o, h, p):
     """Two of GGX's with one Fresnel term."""
     f = F_schlick(np.sum(o * h, -1), p["F0"]) * inv_E(i[:, 2], o[:, 2])
@@ -198,7 +222,14 @@ def _lobe_ggx2(i, o, h, p):
     return total
 
 
-LOBES = {"ggx2": _lobe_ggx2, "cook_torrance": _lobe_cook_torrance, "ward": _lobe_ward, "abc": _lobe_abc}
+LOBES = {
+    "ggx2": _lobe_ggx2,
+    "cook_torrance": _lobe_cook_torrance,
+    "ward": _lobe_ward,
+    "abc": _lobe_abc,
+    "ashikhmin_shirley": _lobe_ashikhmin_shirley,
+}
+DIFFUSE = {"ashikhmin_shirley": _diffuse_ashikhmin_shirley}  # where it is not Lambert's alone
 
 
 def analytic(model, wi, wo, params):
@@ -207,7 +238,8 @@ def analytic(model, wi, wo, params):
         return brdf(wi, wo, params)
     i, o, p, up = local(wi, wo, params)
     result = np.zeros((len(up), 3))
-    result[up] = p["rho_d"] / np.pi + LOBES[model](i, o, unit(i + o), p)
+    factor = DIFFUSE[model](i, o, p) if model in DIFFUSE else 1
+    result[up] = p["rho_d"] / np.pi * factor + LOBES[model](i, o, unit(i + o), p)
     return result
 
 

@@ -91,10 +91,9 @@ def brdf(model, wi, wo, params, networks):
     both = np.concatenate([constant, varying], -1)
     values = terms(model, i, o, p)
     for name in set(networks) & set(values):
-        if name in COLOURS:  # such a network scales the colour
-            values[name] = values[name] * np.exp(np.clip(mlp(networks[name], constant), -20, 20))
-        else:
-            values[name] = np.exp(np.clip(mlp(networks[name], both) + p[f"norm_{name}"][:, None], -20, 20))
+        x = constant if name in COLOURS else both
+        value = np.exp(np.clip(mlp(networks[name], x) + p[f"norm_{name}"][:, None], -20, 20))
+        values[name] = values[name] * value if name in COLOURS else value  # a colour is scaled
     values = {name: v[:, None] if np.ndim(v) == 1 else v for name, v in values.items()}
 
     def operator(name, a, b):
