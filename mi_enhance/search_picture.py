@@ -32,18 +32,19 @@ def draw_search(found, choices: Mapping[str, Sequence], path: str | Path) -> Non
     from matplotlib.figure import Figure
 
     stages = found.stages
-    figure = Figure(figsize=(15, 2.2 + 0.62 * max(len(stages), 5)), dpi=100, layout="constrained")
+    figure = Figure(figsize=(16, 2.2 + 0.5 * max(len(stages), 5)), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     left, middle, right = figure.subplots(1, 3, width_ratios=(max(6, len(choices)) * 0.75, 5, 5))
-    _states(left, stages, list(choices), choices)
+    _states(left, stages, list(choices))
     _errors(middle, stages)
-    _front(right, stages, found.pareto)
-    figure.suptitle(str(found.network.brdf), fontsize=13)
+    unit = "ns" if found.network.report["search"]["cost"] == "measured" else "1,000 multiply-adds"
+    _front(right, stages, found.pareto, unit)
+    figure.suptitle(" → ".join(dict.fromkeys(s["equation"] for s in stages)), fontsize=11)
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
-def _states(axes, stages: list[dict], slots: list[str], choices: Mapping[str, Sequence]) -> None:
+def _states(axes, stages: list[dict], slots: list[str]) -> None:
     """One row per stage: the digits of the state it began with, coloured by what changing them was worth."""
     gains = np.full((len(stages), len(slots)), np.nan)
     for i, s in enumerate(stages):
@@ -54,14 +55,15 @@ def _states(axes, stages: list[dict], slots: list[str], choices: Mapping[str, Se
                 gains[i, changed[0]] = np.nanmin([gains[i, changed[0]], ratio])
     image = axes.imshow(gains, cmap="PuOr_r", vmin=1 - _SPREAD, vmax=1 + _SPREAD, aspect="auto")
     for i, s in enumerate(stages):
-        for k, slot in enumerate(slots):
-            text = _digit(choices[slot][s["current"][k]])
-            axes.text(k, i, text, ha="center", va="center", fontsize=8)
+        for k in range(len(slots)):
+            text = str(s["current"][k])
+            value = abs(image.norm(gains[i, k]) - 0.5)  # white on the dark ends of the scale
+            axes.text(k, i, text, ha="center", va="center", fontsize=8, color="white" if value > 0.3 else "black")
             if s["best"][k] != s["current"][k]:
                 axes.add_patch(_frame(k, i))
     axes.set_xticks(range(len(slots)), slots, rotation=45)
     axes.set_yticks(range(len(stages)), [f"{s['stage']}  {s['change']}" for s in stages])
-    axes.set_title("state at the start of each stage; frame: what changed", fontsize=10)
+    axes.set_title("state at the start of each stage (frame: what changed)", fontsize=9)
     axes.figure.colorbar(image, ax=axes, shrink=0.8, label="loss of the change / loss unchanged")
 
 
@@ -69,10 +71,6 @@ def _frame(k: int, i: int):
     from matplotlib.patches import Rectangle
 
     return Rectangle((k - 0.5, i - 0.5), 1, 1, fill=False, lw=2.5, ec="black")
-
-
-def _digit(choice) -> str:
-    return {type(None): "0", tuple: "1"}.get(type(choice), str(choice))
 
 
 def _errors(axes, stages: list[dict]) -> None:
@@ -86,15 +84,15 @@ def _errors(axes, stages: list[dict]) -> None:
     if any("validation" in s for s in stages):
         axes.plot(x, [s.get("validation") for s in stages], "s:", color="tab:green", ms=4, label="unseen materials")
     axes.set(xlabel="stage", ylabel="log-L1", yscale="log", xticks=x)
-    axes.set_title("error after each stage (grey: other candidates)", fontsize=10)
+    axes.set_title("error after each stage", fontsize=9)
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=8)
 
 
-def _front(axes, stages: list[dict], front: list[dict]) -> None:
+def _front(axes, stages: list[dict], front: list[dict], unit: str) -> None:
     rows = [row for s in stages for row in s["candidates"]]
     axes.plot([r["cost"] for r in rows], [r["loss"] for r in rows], ".", color="0.75")
     axes.step([r["cost"] for r in front], [r["loss"] for r in front], "o-", where="post", color="tab:orange", ms=4)
-    axes.set(xlabel="cost of one evaluation (1,000 multiply-adds, or ns if measured)", ylabel="log-L1", yscale="log")
-    axes.set_title("error against cost: all candidates and the front", fontsize=10)
+    axes.set(xlabel=f"cost of one evaluation, {unit}", ylabel="log-L1", yscale="log")
+    axes.set_title("all candidates, and the front", fontsize=9)
     axes.grid(alpha=0.3, which="both")

@@ -13,7 +13,6 @@ import pytest
 
 from mi_enhance import Material, data
 from mi_enhance.data import nbrdf, rgl, sampling, synthetic
-from mi_enhance.enhance import enhance
 from mi_enhance.losses import log_l1
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -78,13 +77,6 @@ def test_fits_are_kept_and_not_mixed_up(tmp_path, monkeypatch):
     monkeypatch.setattr(nbrdf_training, "train", None)  # a second fit would fail
     assert (rival.fit(m, tmp_path).evaluate(m.wi, m.wo) == first).all()
     assert first.max() <= m.f.max()
-
-
-def test_multiply_adds_of_the_papers_network_after_folding(llvm):
-    # three modules 6-16-32-16-1, 39 further inputs folded away, and one operator 2-16-32-16-1
-    expected = 3 * (6 * 16 + 16 * 32 + 32 * 16 + 16) + 2 * 16 + 16 * 32 + 32 * 16 + 16
-    assert rivals.multiply_adds(Material(enhance("ggx"), {})) == expected
-    assert rivals.multiply_adds(Material.analytic("ggx")) == 0
 
 
 def test_errors_against_both_truths(llvm):

@@ -182,3 +182,17 @@ def test_no_network_means_no_latent_parameter():
     assert enhance("ggx", ("F*G",)).n_parameters == 12  # an operator looks at its operands only
     assert enhance("ggx", ("F",), n_latent=5).n_parameters == 17
     assert enhance("ggx", ("F",), n_latent=0).n_parameters == 12
+
+
+def test_multiply_adds_of_the_papers_network_after_folding():
+    # three modules 6-16-32-16-1, 39 further inputs folded away, and one operator 2-16-32-16-1
+    expected = 3 * (6 * 16 + 16 * 32 + 32 * 16 + 16) + 2 * 16 + 16 * 32 + 32 * 16 + 16
+    assert enhance("ggx").multiply_adds == expected
+    assert enhance("ggx", ()).multiply_adds == 0
+
+
+def test_operators_of_colours_count_three_times_and_constant_networks_not_at_all():
+    one = 2 * 4 + 4 * 3 + 3
+    assert enhance("ggx", ("F*G",), hidden=(4, 3)).multiply_adds == one
+    assert enhance("ggx", ("S*D", "M+S"), hidden=(4, 3)).multiply_adds == 6 * one
+    assert enhance("ggx", ("M",), hidden=(4, 3), inputs="shape").multiply_adds == 0
