@@ -448,6 +448,6 @@ def from_expression(text: str | Path) -> Model:
             text = require_file(text, where).read_text(encoding="utf-8")
         except UnicodeDecodeError as error:
             raise ValueError(f"{where}: this is not text in UTF-8 ({error}). Save it as one.") from None
-    elif str(text).endswith(".toml"):
+    elif str(text).endswith(".toml") and "\n" not in str(text):
         raise ValueError(f'{where}: "{text}" is a path, not a model. Use models.get("{text}"), or give a Path.')
     return Model(**model_file.parse(text, where), text=text)
