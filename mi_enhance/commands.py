@@ -135,6 +135,8 @@ def search(args: argparse.Namespace) -> dict:
     output = _output(args.output, (".bsdf",))
     if args.scheduler and args.workers > 1:
         raise ValueError("--workers and --scheduler exclude each other: a Dask cluster has its own workers.")
+    if "model" in dict(args.define):
+        raise ValueError("-D model: the model is the first argument of the command.")
     data, validation = (_sources(names) for names in (args.data, args.validation))
     _set_variant(args.variant)
     from .search import search

@@ -36,7 +36,7 @@ DEFAULTS = {
     "max_modules": None,
     "distance": 1,  # Hamming distance of candidates
     # when a state is better
-    "epochs": 5,  # between changes
+    "epochs": 5.0,  # between changes
     "tolerance": 0.01,  # a change must lower the score by this part of it
     "price": 0.0,  # score = loss x (1 + price x cost)
     "cost": "multiply-adds",  # in thousands; or "measured", in nanoseconds per evaluation
@@ -53,6 +53,16 @@ DEFAULTS = {
     "seed": 0,
 }
 _COSTS = ("multiply-adds", "measured")
+_AT_LEAST = {
+    "epochs": 1e-6,
+    "tolerance": 0.0,
+    "price": 0.0,
+    "lr": 0.0,
+    "lr_parameters": 0.0,
+    "max_modules": 0,
+    "n_latent": 0,
+}
+_AT_LEAST |= {"n_samples": 1, "n_aside": 1, "batch": 1, "imitation_steps": 0, "seed": 0}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -96,8 +106,8 @@ def search(
         What to train on; dictionaries are sources as in a training configuration, see
         :mod:`mi_enhance.data.training`.
     folder : str or Path
-        Keeps everything: ``search.json`` (settings), one folder per candidate, ``stages.jsonl``, ``network.bsdf``,
-        ``search.png``.
+        Keeps everything: ``search.json`` (settings), one folder per candidate, ``stages.jsonl``, the network of each
+        stage (``stage-01.bsdf``) and the last of them (``network.bsdf``), ``search.png``.
     validation : sequence, optional
         Materials that are not trained on; only reported, after each stage.
     executor : concurrent.futures.Executor, optional
@@ -145,6 +155,7 @@ def search(
             # one line at once: a killed search never leaves half a line
             with replacing(log) as temporary:
                 Path(temporary).write_text("".join(json.dumps(s) + "\n" for s in stages))
+            _network(setup, folder, stages).save(folder / f"stage-{len(stages):02d}.bsdf")
             view.finished(stages)
             if callback:
                 callback(stage)
@@ -170,9 +181,22 @@ def _checked(model: models.Model | str, settings: dict) -> dict:
     for key, choices in (("cost", _COSTS), ("inputs", INPUTS), ("distance", (1, 2))):
         if settings[key] not in choices:
             raise ValueError(f"search(): {key}={settings[key]!r} is unknown. Choose one of: {choices}.")
-    for key, low in (("epochs", 1e-6), ("n_samples", 1), ("n_aside", 1), ("batch", 1), ("tolerance", 0), ("price", 0)):
-        if not isinstance(settings[key], (int, float)) or not low <= settings[key] < 1e12:
-            raise ValueError(f"search(): {key}={settings[key]!r}; it must be a number of at least {low:g}.")
+    for key, low in _AT_LEAST.items():
+        value, whole = settings[key], isinstance(DEFAULTS[key], int) or key == "max_modules"
+        if key == "max_modules" and value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) or not low <= value < 1e12:
+            kind = "whole number" if whole else "number"
+            raise ValueError(f"search(): {key}={value!r}; it must be a {kind} of at least {low:g}.")
+    for key, kind in (
+        ("nodes_only", bool),
+        ("modulated", bool),
+        ("modules", list),
+        ("alternatives", dict),
+        ("fixed", dict),
+    ):
+        if not isinstance(settings[key], kind):
+            raise ValueError(f"search(): {key}={settings[key]!r}; it must be a {kind.__name__}, as {DEFAULTS[key]!r}.")
     return settings
 
 

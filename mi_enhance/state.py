@@ -57,9 +57,9 @@ def choices(
     (None, (16, 32, 16), 'D_ggx')
     """
     alternatives, fixed = alternatives or {}, fixed or {}
-    modules = [tuple(int(n) for n in sizes) for sizes in modules]
-    if any(not sizes or len(sizes) > 8 or min(sizes) < 1 or max(sizes) > 1024 for sizes in modules):
-        raise ValueError(f"choices(): modules {modules}: each needs 1 to 8 hidden sizes of 1 to 1024.")
+    if any(not isinstance(sizes, (list, tuple)) or not _sizes_are_good(sizes) for sizes in modules):
+        raise ValueError(f"choices(): modules {modules}: each needs 1 to 8 hidden sizes of 1 to 1024, as [16, 32, 16].")
+    modules = [tuple(sizes) for sizes in modules]
     for slot in (*alternatives, *fixed):
         model.graph.find(slot)
     for slot, word in fixed.items():
@@ -77,6 +77,10 @@ def choices(
         for term in terms:
             with_terms(model, {node.name: term})  # raises if it cannot stand here
     return result
+
+
+def _sizes_are_good(sizes: Sequence[int]) -> bool:
+    return 1 <= len(sizes) <= 8 and all(isinstance(n, int) and 1 <= n <= 1024 for n in sizes)
 
 
 def neighbours(
