@@ -31,7 +31,7 @@ from .picture import draw_curve
 
 DEFAULTS = {
     "model": "ggx",
-    "replace": ["F", "F*G", "G", "1/E"],
+    "replace": ["F", "F*G", "G", "1/E"],  # or {slot: hidden sizes}
     "inputs": "symmetric",
     "modulated": False,
     "n_latent": 27,
