@@ -8,6 +8,7 @@ executor runs them, see :mod:`mi_enhance.candidate`. Everything is kept in a fol
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -142,8 +143,9 @@ def search(
     M + S * D * F * [G] * [1/E]
     """
     folder = Path(folder).resolve()
-    settings = _checked(model, settings)
-    prepare(folder, settings, list(materials), list(validation))
+    materials, validation = list(materials), list(validation)
+    settings = {**_checked(model, settings), "materials": _digest([*materials, "validation", *validation])}
+    prepare(folder, settings, materials, validation)
     setup = candidate.Setup.of(folder)
     log = folder / "stages.jsonl"
     stages = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
@@ -200,6 +202,16 @@ def _checked(model: models.Model | str, settings: dict) -> dict:
     return settings
 
 
+def _digest(materials: list) -> str:
+    """A few letters that change with the materials: a search is not continued with others."""
+    digest = hashlib.sha256()
+    for m in materials:
+        parts = (m.name.encode(), m.wi, m.wo, m.f) if isinstance(m, Measurements) else (json.dumps(m).encode(),)
+        for part in parts:
+            digest.update(part)
+    return digest.hexdigest()[:16]
+
+
 def prepare(folder: Path, settings: dict, materials: list, validation: list) -> None:
     """Write what all candidates read: settings, samples, the start state with the analytic fit of every material."""
     file = folder / "search.json"
@@ -209,7 +221,9 @@ def prepare(folder: Path, settings: dict, materials: list, validation: list) -> 
     choices = state.choices(model, **{name: settings[name] for name in names})
     start = (0,) * len(choices)
     if file.exists() and file.read_text() != text:
-        raise ValueError(f'search(): "{file}" is of a search with other settings. Choose another folder, or remove it.')
+        raise ValueError(
+            f'search(): "{file}" is of a search with other settings or materials. Choose another folder, or remove it.'
+        )
     folder.mkdir(parents=True, exist_ok=True)
     n = settings["n_samples"] + settings["n_aside"]
     for name, given in (("samples", materials), ("validation", validation)):

@@ -270,8 +270,9 @@ def test_other_wrong_input_is_refused(llvm, finished, tmp_path):
         search("ggx", [materials(1)[0], {"kind": "nps"}], tmp_path / "b", progress=False, **SMALL)
     with pytest.raises(KeyError, match='unknown model "gxx"'):
         search("gxx", materials(), tmp_path / "c", progress=False, **SMALL)
-    with pytest.raises(ValueError, match="is of a search with other settings. Choose another folder"):
-        run(finished[0], seed=1)
+    for wrong in ({"seed": 1}, {"validation": materials(1)}):
+        with pytest.raises(ValueError, match="is of a search with other settings or materials. Choose another folder"):
+            run(finished[0], **wrong)
 
 
 def test_a_stage_of_diverged_candidates_is_an_error(llvm, tmp_path, monkeypatch):
