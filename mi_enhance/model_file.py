@@ -32,13 +32,12 @@ DIRECTIONAL = {
     **dict.fromkeys(("wi", "wo", "h"), "direction"),
     **dict.fromkeys(("cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"), "number"),
 }
-_STANDARD = {q.name: q for q in vars(parameters).values() if isinstance(q, Parameter)}
-# Sampling and networks read these by name: their meaning is fixed.
-_FIXED = ("rho_d", "rho_s", "alpha_x", "alpha_y", "F0", "rho_s2", "alpha_x2", "alpha_y2")
 _TAKEN = {
     *(*DIRECTIONAL, *expression.RESERVED, *parameters.FRAME, "latent", "asymmetry"),
     *("type", "id", "filename", "description", "params", "weights"),  # of the plugin's dictionary
 }
+# Sampling, networks and alternative terms read these by name: their meaning is fixed.
+_STANDARD = {q.name: q for q in vars(parameters).values() if isinstance(q, Parameter) and q.name not in _TAKEN}
 _KEYS = ("name", "source", "formula", "frame", "v_cavity", "terms", "parameters", "starts", "lobes")
 _LOBE = ("rho_s", "alpha_x", "alpha_y")
 
@@ -161,10 +160,10 @@ def _parameter(name: str, given, where: str) -> Parameter:
     if not isinstance(given, dict):
         raise ValueError(
             f"{where}: must be a table such as {{ low = 0, high = 1, initial = 0.5 }}, or true for one of the "
-            f"package's own: {', '.join(q for q in _STANDARD if q not in _TAKEN)}; got {shown(given)}."
+            f"package's own: {', '.join(_STANDARD)}; got {shown(given)}."
         )
     _only(given, ("size", "low", "high", "initial", "log"), where)
-    base = dataclasses.asdict(standard) if name in _FIXED else {"size": 1, "log": False}
+    base = dataclasses.asdict(standard) if standard else {"size": 1, "log": False}
     values = {**base, **given}
     if missing := [key for key in ("low", "high", "initial") if key not in values]:
         raise ValueError(f"{where}: {', '.join(missing)} is missing. Give low, high and initial.")
@@ -175,7 +174,7 @@ def _parameter(name: str, given, where: str) -> Parameter:
     if not low <= initial <= high or low == high or (log and low <= 0):
         rule = "0 < low <= initial <= high" if log else "low <= initial <= high"
         raise ValueError(f"{where}: needs {rule} and low < high; got {low:g}, {initial:g}, {high:g}.")
-    if name in _FIXED and ((size, log) != (standard.size, standard.log) or low < standard.low or high > standard.high):
+    if standard and ((size, log) != (standard.size, standard.log) or low < standard.low or high > standard.high):
         raise ValueError(
             f"{where}: has size {standard.size}, log {str(standard.log).lower()} and a range within [{standard.low:g}, "
             f"{standard.high:g}] in all models. Narrow the range, or choose another name."

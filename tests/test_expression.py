@@ -181,10 +181,10 @@ def test_what_is_not_arithmetic_is_refused(text, message):
     ids=["parentheses", "signs", "sum", "powers", "calls"],
 )
 def test_hostile_nesting_is_refused_at_once(text):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ValueError, match="^here: .*(more than 100 operations inside one another|is not an expression)"):
         expression.parse(text, KINDS, "here")
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - start < 1
 
 
 def test_towers_of_powers_cost_nothing(llvm):

@@ -336,6 +336,7 @@ WRONG = [
     (changed(n="n = { low = 1, high = 2, initial = 1, size = true }"), "size must be 1, or 3"),
     (changed(n="n = { low = 1, high = 2, initial = 1, log = 1 }"), "log must be true or false; got 1"),
     (changed(rho_s="rho_s = { size = 1 }"), r"rho_s: has size 3, log false and a range within \[0, 10\] in all"),
+    (changed(n="B = { low = 0.5, high = 2, initial = 1 }"), r"B: has size 1, log true and a range within \[1, 1e"),
     (changed(rho_s="rho_s = { high = 11 }"), r"rho_s: has size 3, .* Narrow the range, or choose another name"),
     *(
         (TWISTED.replace("twist", name), rf"\[parameters\] {name}: this name is taken, it means something else")
@@ -363,10 +364,10 @@ WRONG = [
 
 @pytest.mark.parametrize("text, message", WRONG, ids=lambda v: re.sub(r"\W+", " ", str(v))[-40:])
 def test_wrong_model_is_refused(text, message):
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ValueError, match=rf"(?s)^from_expression\(\): .*({message})") as caught:
         models.from_expression(text)
-    assert time.perf_counter() - start < 10 and len(str(caught.value)) < 700  # 10 s: of 1, on a busy machine
+    assert time.process_time() - start < 10 and len(str(caught.value)) < 700  # seconds; the slowest takes 1
 
 
 def test_file_that_is_not_a_model_is_refused(tmp_path):
