@@ -24,10 +24,18 @@ from mi_enhance.search import search
 from mi_enhance.table import write_table
 
 _GRAPH = models.ggx().graph
+
+
+def _slopes(q) -> mi.Float:
+    """Sum of log(1 + squared slope over roughness) of both directions: what shadowing is made of, azimuth included."""
+    slope = lambda w: (dr.square(q["alpha_x"] * w.x) + dr.square(q["alpha_y"] * w.y)) / (dr.square(w.z) + 1e-4)  # noqa: E731
+    return dr.log(1 + slope(q["wi"])) + dr.log(1 + slope(q["wo"]))
+
+
 # What each altered slot computes; a term sees all quantities, an operator its operands.
 DEFECTS = {
     "F": lambda q: _GRAPH.find("F")(q) * (0.6 + 0.4 * dr.cos(9 * q["cos_theta_d"])),
-    "G": lambda q: _GRAPH.find("G")(q) * (0.55 + 0.45 * dr.cos(8 * q["cos_theta_i"] * q["cos_theta_o"])),
+    "G": lambda q: _GRAPH.find("G")(q) * (0.55 + 0.45 * dr.cos(3 * _slopes(q))),
     "D": lambda q: _GRAPH.find("D")(q) * (0.55 + 0.45 * dr.cos(14 * q["cos_theta_h"])),
     "F*G": lambda a, b: 0.5 * a * b / (0.05 + a * b),
 }
@@ -46,15 +54,15 @@ _COLUMNS = {
 
 
 def planted(slot: str, count: int, n_samples: int, seed: int = 0) -> list[Measurements]:
-    """Samples of `count` random GGX materials whose `slot` is altered, dark enough below that the lobe is seen."""
+    """Samples of `count` random anisotropic GGX materials with an altered `slot`; dark, so that the lobe shows."""
     rng = np.random.default_rng(seed)
     brdf = enhance("ggx", ())
     graph = brdf.model.graph.replace({slot: DEFECTS[slot]})
     materials = []
     for k in range(count):
-        alpha = np.exp(rng.uniform(np.log(0.15), np.log(0.7)))
+        alpha_x, alpha_y = np.exp(rng.uniform(np.log(0.15), np.log(0.7), 2))
         values = {"n_x": 0.0, "n_y": 0.0, "t_theta": 0.0, "rho_d": rng.uniform(0, 0.1, 3), "rho_s": rng.uniform(1, 6)}
-        values |= {"alpha_x": alpha, "alpha_y": alpha, "F0": rng.uniform(0.05, 0.9)}
+        values |= {"alpha_x": alpha_x, "alpha_y": alpha_y, "F0": rng.uniform(0.05, 0.9)}
         vector = parameters.flatten(brdf.parameters, values)
         params = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in vector])
         wi, wo = sample_pairs(n_samples, seed=rng)
