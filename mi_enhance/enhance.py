@@ -55,6 +55,13 @@ class EnhancedBRDF:
         return (*self.model.parameters, *asymmetry, *latent, *norms)
 
     @property
+    def read_by_networks(self) -> tuple[str, ...]:
+        """Names of the parameters that are folded into the networks."""
+        if not any(m.n_folded for m in self.networks.values()):
+            return ()
+        return (*features.names_of_parameters(self.model, self.inputs), *(("latent",) if self.n_latent else ()))
+
+    @property
     def n_weights(self) -> int:
         """Floats in all networks."""
         return sum(m.n_weights for m in self.networks.values())
@@ -94,7 +101,7 @@ class EnhancedBRDF:
         return {slot: kind(mlp) for slot, mlp in self.networks.items()}
 
     def fold(self, params: Mapping, evaluators: Mapping) -> dict[str, list[mi.Float]]:
-        """What the networks need of the parameters: the bias of each first layer.
+        """What the networks need of the parameters: first biases, last layers, or all there is without directions.
 
         Parameters
         ----------
@@ -113,7 +120,12 @@ class EnhancedBRDF:
             if any(m.n_folded for m in self.networks.values())
             else []
         )
-        return {slot: evaluators[slot].fold(constant if mlp.n_folded else []) for slot, mlp in self.networks.items()}
+        folded = {slot: evaluators[slot].fold(constant if mlp.n_folded else []) for slot, mlp in self.networks.items()}
+        # A network without directions is constant, too, up to its output.
+        return {slot: v if self._varies(slot) else evaluators[slot]([], v) for slot, v in folded.items()}
+
+    def _varies(self, slot: str) -> bool:
+        return self.networks[slot].sizes[0] > self.networks[slot].n_folded
 
     def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """Reflectance f_r.
@@ -146,12 +158,7 @@ class EnhancedBRDF:
 
     def prepare(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """The graph to evaluate, the record to evaluate it on, and the lanes above the horizon; as :meth:`__call__`."""
-        frame = geometry.frame_of(params)
-        local_i, local_o = frame.to_local(wi), frame.to_local(wo)
-        active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
-        # Inactive lanes run at normal incidence: no inf or NaN arises whose gradient would survive the mask.
-        up = mi.Vector3f(0, 0, 1)
-        local_i, local_o = dr.select(active, local_i, up), dr.select(active, local_o, up)
+        local_i, local_o, active = geometry.local_directions(wi, wo, params)
         record = {**geometry.quantities(local_i, local_o), **params}
         graph = self.model.graph
         if self.networks:
@@ -192,10 +199,10 @@ class EnhancedBRDF:
         if self.model.graph.find(slot).args:
             return lambda a, b: _operator(evaluator, bias, a, b)
         mlp, name = self.networks[slot], f"norm_{slot}"
-        x = x if mlp.sizes[0] > mlp.n_folded else []
 
         def term(record):
-            out = [_exp(y + record[name]) if name in record else _exp(y) for y in evaluator(x, bias)]
+            values = evaluator(x, bias) if self._varies(slot) else bias
+            out = [_exp(y + record[name]) if name in record else _exp(y) for y in values]
             return out[0] if len(out) == 1 else mi.Color3f(*out)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:

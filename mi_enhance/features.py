@@ -61,6 +61,11 @@ def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
     return [*analytic, *p.get("latent", ())]
 
 
+def names_of_parameters(model: Model, inputs: str) -> list[str]:
+    """What :func:`of_parameters` reads, latent numbers aside."""
+    return [p.name for p in (_shape(model) if inputs in COLOURLESS else model.parameters)]
+
+
 def n_of_parameters(model: Model, inputs: str) -> int:
     """Length of the list that :func:`of_parameters` makes, latent numbers aside."""
     return len(_shape(model)) if inputs in COLOURLESS else parameters.count(model.parameters)
@@ -126,7 +131,12 @@ def _sin_theta_d(q: Mapping):
 
 
 def _asymmetric_features(q: Mapping) -> list:
-    """What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal."""
+    """What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal.
+
+    Left out where :mod:`mi_enhance.lean` has left out the parameter, and the networks' inputs with it.
+    """
+    if "asymmetry" not in q:
+        return []
     cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
     return [q["asymmetry"] * (cos_i - cos_o), q["asymmetry"] * dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5]
 

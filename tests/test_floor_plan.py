@@ -16,7 +16,7 @@ FLOORS = [
     ["models", "picture", "table"],
     ["features", "alternatives"],
     ["enhance"],
-    ["material", "state", "specialize", "sampling", "objective", "levenberg"],
+    ["material", "state", "lean", "sampling", "objective", "levenberg"],
     ["prior", "imitate", "normalise", "bsdfs"],
     ["fit"],
     ["train", "inverse", "report", "compare", "doctor"],
