@@ -152,6 +152,8 @@ class Enhanced(mi.BSDF):
 
     def traverse(self, cb):
         for name, value in self.m_values.items():
+            if self.m_brdf.compact and (name == "latent" or name.startswith("norm_")):
+                continue  # a specialised material has them in the weights of its own network
             # Upsampling to spectra is not differentiable.
             flag = mi.ParamFlags.NonDifferentiable if name in self.m_spectra else mi.ParamFlags.Differentiable
             cb.put(name, value, flag)

@@ -112,6 +112,30 @@ def _shared(q: Mapping, inputs: str, wi, wo) -> list:
     return [*features, _sin_theta_d(q), *_asymmetric_features(q)] if inputs == "shape" else features
 
 
+# Keys of named(): the features of "shape", for models with up to two lobes.
+NAMES = (
+    *("sin2_h", "lobe", "azimuth", "lobe2", "azimuth2", "cos_d", "product", "log_product", "sin_d"),
+    *("difference", "log_ratio"),
+)
+
+
+def named(q: Mapping) -> dict:
+    """The features of ``"shape"`` by name, as far as `q` has what they are made of; the last two need asymmetry.
+
+    Examples
+    --------
+    >>> from mi_enhance.geometry import quantities
+    >>> list(named(quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))))
+    ['sin2_h', 'cos_d', 'product', 'log_product', 'sin_d']
+    """
+    lobes = _lobes(q)
+    left_out = {name + n for name in ("lobe", "azimuth") for n in ("", "2") if n not in lobes}
+    if "asymmetry" not in q:
+        left_out |= {"difference", "log_ratio"}
+    names = [name for name in NAMES if name not in left_out]
+    return dict(zip(names, _shared(q, "shape", None, None), strict=True))
+
+
 def _half_features(q: Mapping, lobes: Iterable[str]) -> list:
     h = q["h"]
     features = [dr.square(h.x) + dr.square(h.y)]  # sin^2 theta_h

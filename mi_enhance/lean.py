@@ -51,9 +51,11 @@ def lean(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enhanced
     if "asymmetry" in zero and brdf.inputs == "shape":  # its two features come last
         left_out.add("asymmetry")
         networks = {slot: _without_asymmetry(mlp) if mlp.n_folded else mlp for slot, mlp in networks.items()}
-    return dataclasses.replace(brdf, model=dataclasses.replace(brdf.model, graph=graph), networks=networks), frozenset(
-        left_out
-    )
+    gone = set(brdf.model.graph.slots) - set(graph.slots)
+    compact = (c.without(gone, ("difference", "log_ratio") if "asymmetry" in left_out else ()) for c in brdf.compact)
+    model = dataclasses.replace(brdf.model, graph=graph)
+    result = dataclasses.replace(brdf, model=model, networks=networks, compact=tuple(c for c in compact if c))
+    return result, frozenset(left_out)
 
 
 def _zero_terms(brdf: EnhancedBRDF, zero: set[str]) -> list[str]:

@@ -138,6 +138,20 @@ def _head(z: Sequence, weights: Sequence) -> list:
     return out
 
 
+def dense(layers: Sequence[tuple[np.ndarray, np.ndarray]], x: Sequence) -> list:
+    """Evaluate a network each of whose layers sees the inputs and all hidden units so far; entries of 0 are skipped."""
+    seen = list(x)
+    for k, (w, b) in enumerate(layers):
+        z = []
+        for row, y in zip(w.tolist(), b.tolist(), strict=True):
+            for weight, v in zip(row, seen, strict=True):
+                y = dr.fma(v, weight, y) if weight else y
+            z.append(mi.Float(y))
+        if k == len(layers) - 1:
+            return z
+        seen += [_leaky(v) for v in z]
+
+
 class _BakedOp(dr.CustomOp):
     """Baked layers with a hand-written backward pass with respect to the inputs.
 
