@@ -70,20 +70,34 @@ One-sided, like all opaque BSDFs of Mitsuba; wrap it in ``twosided`` if needed. 
 see RGB parameters in all of them, colour enters through rho_d, rho_s and rho_s2. In spectral variants RGB values are
 upsampled as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are
 constants of the compiled function; what belongs to a material is data, so materials of one network share that function.
+What is 0 and neither textured nor optimised is left out of it: a colour with its whole term, the frame, ``asymmetry``;
+an update of the parameters brings it back.
 Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from mi_enhance import nn, parameters, sampling
+from mi_enhance.enhance import EnhancedBRDF
+from mi_enhance.lean import lean
 from mi_enhance.material import Material
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
 _RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
+
+
+class _Form(NamedTuple):
+    """A BRDF from which something may be left out, and how it is evaluated."""
+
+    brdf: EnhancedBRDF
+    evaluators: dict
+    left_out: frozenset[str]  # names of parameters, all 0, that it is evaluated without
 
 
 class Enhanced(mi.BSDF):
@@ -99,9 +113,8 @@ class Enhanced(mi.BSDF):
                 f'bsdf "enhanced": the networks for {", ".join(coloured)} give RGB, which variant "{mi.variant()}" '
                 "does not render. Use an rgb variant, or a network that leaves these terms analytic."
             )
-        self.m_evaluators = self.m_brdf.evaluators(
-            nn.Cooperative if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else nn.Baked
-        )
+        self.m_forms, self.m_known = {}, {}
+        self.m_full = self._form(self.m_brdf, frozenset())
         self.m_values, self.m_textures = {}, {}
         self.m_colours = [p.name for p in self.m_brdf.parameters if p.is_colour]
         for p in self.m_brdf.parameters:
@@ -139,6 +152,8 @@ class Enhanced(mi.BSDF):
 
     def traverse(self, cb):
         for name, value in self.m_values.items():
+            if self.m_brdf.compact and (name == "latent" or name.startswith("norm_")):
+                continue  # a specialised material has them in the weights of its own network
             # Upsampling to spectra is not differentiable.
             flag = mi.ParamFlags.NonDifferentiable if name in self.m_spectra else mi.ParamFlags.Differentiable
             cb.put(name, value, flag)
@@ -146,20 +161,51 @@ class Enhanced(mi.BSDF):
             cb.put(name, texture, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys=()):
-        self._update()
+        self._update(keys)
 
-    def _update(self) -> None:
-        """Fold what is constant over the surface into the networks' first layers."""
-        # Opaque: values are data of the compiled function, not part of its code, so materials can share it.
-        dr.make_opaque(self.m_values, self.m_lobe_albedo)
+    def _update(self, keys=()) -> None:
+        """Choose what is left out; fold what is constant over the surface into the networks' first layers."""
+        self._know(keys)
+        self.m_lean = self._form(*lean(self.m_brdf, self.m_known))
+        for name, value in self.m_values.items():
+            if name in self.m_lean.left_out:
+                # A literal, not data: ``dr.freeze`` tells by it that what it recorded does not hold for other values.
+                value *= 0
+            else:
+                # Opaque: data of the compiled function, not part of its code, so materials can share it.
+                dr.make_opaque(value)
+        dr.make_opaque(self.m_lobe_albedo)
         self.m_spectra = {}
         if mi.is_spectral:
             self.m_spectra = {name: _upsample(self.m_values[name]) for name in self.m_colours if name in self.m_values}
-        self.m_folded = None
-        if not self.m_textures:
-            # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
-            self.m_folded = self.m_brdf.fold(dr.detach(self._constants()), self.m_evaluators)
+        # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
+        constants = dr.detach(self._constants())
+        self.m_folded = self.m_shares = None
+        if not self.m_textures.keys() & set(self.m_brdf.read_by_networks):
+            self.m_folded = self.m_brdf.fold(constants, self.m_full.evaluators)
             dr.make_opaque(self.m_folded)
+        if not self.m_textures:
+            present = {name: v for name, v in constants.items() if name not in self.m_lean.left_out}
+            self.m_shares = sampling.shares(present, self.m_lobe_albedo, self.m_brdf.model)
+            dr.make_opaque(self.m_shares)
+
+    def _know(self, keys) -> None:
+        """Keep the values of the parameters that are the same everywhere and not being optimised."""
+        if dr.flag(dr.JitFlag.FreezingScope):
+            self.m_known = {}  # while a function is recorded no value can be looked at
+            return
+        self.m_known = {
+            name: self.m_known[name] if keys and name in self.m_known and name not in keys else dr.detach(value).numpy()
+            for name, value in self.m_values.items()
+            if not dr.grad_enabled(value)
+        }
+
+    def _form(self, brdf: EnhancedBRDF, left_out: frozenset[str]) -> _Form:
+        """Made once for everything that may be left out."""
+        if left_out not in self.m_forms:
+            kind = nn.Cooperative if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else nn.Baked
+            self.m_forms[left_out] = _Form(brdf, brdf.evaluators(kind), left_out)
+        return self.m_forms[left_out]
 
     def _constants(self) -> dict:
         values = dict(self.m_values)
@@ -168,8 +214,11 @@ class Enhanced(mi.BSDF):
             values["latent"] = [dr.gather(mi.Float, latent, k) for k in range(len(latent))]
         return values
 
-    def _prepare(self, si: mi.SurfaceInteraction3f, active) -> tuple[dict, dict]:
-        """Parameters at the hit point, with RGB colours, and what is folded of them."""
+    def _prepare(self, si: mi.SurfaceInteraction3f, active) -> tuple[_Form, dict, dict]:
+        """What is evaluated, the parameters at the hit point, with RGB colours, and what is folded of them."""
+        form = self.m_lean
+        if dr.grad_enabled([self.m_values[name] for name in form.left_out]):
+            form = self.m_full  # optimised since the last update: nothing may be missing
         params = self._constants()
         for p in self.m_brdf.parameters:
             if p.name in self.m_textures:
@@ -178,16 +227,16 @@ class Enhanced(mi.BSDF):
                 # A texture may hold anything: roughness 0 or a negative F0 would give NaN.
                 params[p.name] = dr.clip(value, p.low, p.high)
         folded = self.m_folded
-        if folded is None or dr.grad_enabled(self.m_values):
-            folded = self.m_brdf.fold(params, self.m_evaluators)
-        return params, folded
+        if folded is None or dr.grad_enabled([params[name] for name in form.brdf.read_by_networks]):
+            folded = form.brdf.fold(params, form.evaluators)
+        return form, {name: v for name, v in params.items() if name not in form.left_out}, folded
 
     def _spectral(self, params: dict, si: mi.SurfaceInteraction3f, active) -> dict:
         """The parameters with colours in the representation of the variant."""
         if mi.is_rgb:
             return params
         colours = {}
-        for name in self.m_colours:
+        for name in params.keys() & set(self.m_colours):
             if name in self.m_textures:
                 colours[name] = self.m_textures[name].eval(si, active)
             elif mi.is_monochromatic:
@@ -204,49 +253,55 @@ class Enhanced(mi.BSDF):
             return mi.Mask(False)
         return mi.Mask(active) & (mi.Frame3f.cos_theta(si.wi) > 0)
 
-    def _eval(self, si, wo, params, folded, active):
-        value = self.m_brdf(si.wi, wo, self._spectral(params, si, active), self.m_evaluators, folded)
+    def _eval(self, si, wo, form, params, folded, active):
+        value = form.brdf(si.wi, wo, self._spectral(params, si, active), form.evaluators, folded)
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
-    def _pdf(self, si, wo, params, active):
-        shares = sampling.shares(params, self.m_lobe_albedo, self.m_brdf.model)
-        return dr.select(active, sampling.pdf(si.wi, wo, params, shares, self.m_brdf.model), 0)
+    def _mixture(self, form, params) -> list:
+        """Probabilities of the lobes, from the last update where they cannot have changed."""
+        known = form is self.m_lean and self.m_shares is not None and not dr.grad_enabled(params)
+        return self.m_shares if known else sampling.shares(params, self.m_lobe_albedo, form.brdf.model)
+
+    def _pdf(self, si, wo, form, params, active):
+        shares = self._mixture(form, params)
+        return dr.select(active, sampling.pdf(si.wi, wo, params, shares, form.brdf.model), 0)
 
     def eval(self, ctx, si, wo, active=True):
         active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
-        params, folded = self._prepare(si, active)
-        return mi.Spectrum(self._eval(si, wo, params, folded, active))
+        return mi.Spectrum(self._eval(si, wo, *self._prepare(si, active), active))
 
     def pdf(self, ctx, si, wo, active=True):
         active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
-        return self._pdf(si, wo, self._prepare(si, active)[0], active)
+        form, params, _ = self._prepare(si, active)
+        return self._pdf(si, wo, form, params, active)
 
     def eval_pdf(self, ctx, si, wo, active=True):
         active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
-        params, folded = self._prepare(si, active)
-        return mi.Spectrum(self._eval(si, wo, params, folded, active)), self._pdf(si, wo, params, active)
+        form, params, folded = self._prepare(si, active)
+        return mi.Spectrum(self._eval(si, wo, form, params, folded, active)), self._pdf(si, wo, form, params, active)
 
     def sample(self, ctx, si, sample1, sample2, active=True):
         active = self._active(ctx, si, active)
-        params, folded = self._prepare(si, active)
-        shares = sampling.shares(params, self.m_lobe_albedo, self.m_brdf.model)
+        form, params, folded = self._prepare(si, active)
         bs = mi.BSDFSample3f()
-        bs.wo = sampling.sample(si.wi, params, shares, sample1, sample2, self.m_brdf.model)
+        bs.wo = sampling.sample(si.wi, params, self._mixture(form, params), sample1, sample2, form.brdf.model)
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
-        bs.pdf = dr.select(active, sampling.pdf(si.wi, bs.wo, params, shares, self.m_brdf.model), 0)
+        bs.pdf = self._pdf(si, bs.wo, form, params, active)
         active &= bs.pdf > 0
         bs.eta = 1
         bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))
         bs.sampled_component = mi.UInt32(0)
-        value = self._eval(si, bs.wo, params, folded, active)
+        value = self._eval(si, bs.wo, form, params, folded, active)
         return bs, mi.Spectrum(dr.select(active, value / bs.pdf, 0))
 
     def eval_diffuse_reflectance(self, si, active=True):
         """Albedo of the diffuse term: pi M."""
-        params, folded = self._prepare(si, active)
-        params = self._spectral(params, si, active)
+        form, params, folded = self._prepare(si, active)
+        if "M" not in form.brdf.model.graph.slots:  # rho_d is 0
+            return dr.zeros(mi.Spectrum)
         up = mi.Vector3f(0, 0, 1)
-        graph, record, _ = self.m_brdf.prepare(up, up, params, self.m_evaluators, folded)
+        params = self._spectral(params, si, active)
+        graph, record, _ = form.brdf.prepare(up, up, params, form.evaluators, folded)
         return mi.Spectrum(graph.find("M")(record) * dr.pi)
 
     def to_string(self):

@@ -30,6 +30,7 @@ _NAMES = {
     "load": "material",
     "enhance": "enhance",
     "fit": "fit",
+    "specialize": "specialize",
     "train": "train",
     "search": "search",
     "compare": "compare",

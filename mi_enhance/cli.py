@@ -127,6 +127,19 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("-o", "--output", metavar="NEW.bsdf", help="write the edited material")
 
+    p = add("specialize", "make a material several times cheaper to render, with a stated error", sampled, device)
+    p.add_argument("file", metavar="MAT.bsdf")
+    p.add_argument("data", metavar="DATA", nargs="?", help="what it was fitted to: the small network then follows that")
+    p.add_argument("--material", help="which material, in a data file that holds several")
+    p.add_argument("-o", "--output", metavar="FAST.bsdf", required=True)
+    p.add_argument(
+        "--max-error",
+        type=float,
+        default=1e-3,
+        help="mean absolute difference of log(1 + f cos) to the exact material, which the file keeps (default: 0.001)",
+    )
+    p.add_argument("--undo", action="store_true", help="go back to the exact material of a specialised one")
+
     p = add("convert", "write measurements of any readable kind as a table", one, sampled, device)
     p.add_argument("-o", "--output", metavar="TABLE", required=True, help=".csv or .npz")
 

@@ -96,6 +96,25 @@ def show(args: argparse.Namespace) -> dict:
     return {"text": text, "output": str(output) if output else None}
 
 
+def specialize(args: argparse.Namespace) -> dict:
+    output = _output(args.output, (".bsdf",))
+    _set_variant(args.variant)
+    from .material import Material
+    from .specialize import specialize
+
+    material = Material.load(args.file)
+    if args.undo:
+        if not material.brdf.compact:
+            raise ValueError(f'specialize --undo: "{args.file}" is not a specialised material. Nothing was written.')
+        material = material.exact
+    else:
+        measurements = _measurements(args) if args.data else None
+        material = specialize(material, measurements, max_error=args.max_error, seed=args.seed)
+    material.save(output)
+    print(f"{material.show()}\n{output}")
+    return {**material.report, "output": str(output)}
+
+
 def convert(args: argparse.Namespace) -> dict:
     output = _output(args.output, (".csv", ".npz"))
     _set_variant(args.variant)

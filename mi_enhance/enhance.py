@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import features, geometry, models, nn, parameters
+from .compact import Compact
 from .features import COLOURLESS, INPUTS
 from .graph import Node
 from .models import Model
@@ -38,12 +39,15 @@ class EnhancedBRDF:
         Number of neural parameters per material.
     inputs : {"symmetric", "shape", "own", "directions"}
         What the networks see, see :mod:`mi_enhance.features`.
+    compact : tuple of Compact
+        Small networks that stand in for `networks`, for one set of parameters, see :mod:`mi_enhance.specialize`.
     """
 
     model: Model
     networks: Mapping[str, nn.MLP]
     n_latent: int = 27
     inputs: str = "symmetric"
+    compact: tuple[Compact, ...] = ()
 
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
@@ -53,6 +57,19 @@ class EnhancedBRDF:
         latent = (parameters.latent(self.n_latent),) if reads_latent else ()
         norms = (parameters.norm(slot) for slot, mlp in self.networks.items() if mlp.n_folded) if asymmetry else ()
         return (*self.model.parameters, *asymmetry, *latent, *norms)
+
+    @property
+    def evaluated(self) -> dict[str, nn.MLP]:
+        """Those of the networks that no compact one stands in for."""
+        covered = {slot for c in self.compact for name in c.slots for slot in self.model.graph.find(name).slots}
+        return {slot: mlp for slot, mlp in self.networks.items() if slot not in covered}
+
+    @property
+    def read_by_networks(self) -> tuple[str, ...]:
+        """Names of the parameters that are folded into the networks."""
+        if not any(m.n_folded for m in self.evaluated.values()):
+            return ()
+        return (*features.names_of_parameters(self.model, self.inputs), *(("latent",) if self.n_latent else ()))
 
     @property
     def n_weights(self) -> int:
@@ -78,8 +95,8 @@ class EnhancedBRDF:
         >>> enhance("ggx").multiply_adds
         4480
         """
-        total = 0
-        for slot, mlp in self.networks.items():
+        total = sum(c.multiply_adds for c in self.compact)
+        for slot, mlp in self.evaluated.items():
             sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])
             once = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if sizes[0] else 0
             node = self.model.graph.find(slot)
@@ -91,10 +108,10 @@ class EnhancedBRDF:
 
     def evaluators(self, kind: type = nn.Baked) -> dict:
         """One evaluator per slot: ``nn.Baked`` or ``nn.Cooperative``."""
-        return {slot: kind(mlp) for slot, mlp in self.networks.items()}
+        return {slot: kind(mlp) for slot, mlp in self.evaluated.items()}
 
     def fold(self, params: Mapping, evaluators: Mapping) -> dict[str, list[mi.Float]]:
-        """What the networks need of the parameters: the bias of each first layer.
+        """What the networks need of the parameters: first biases, last layers, or all there is without directions.
 
         Parameters
         ----------
@@ -110,10 +127,15 @@ class EnhancedBRDF:
         # Operators see their operands only: with no other network the material has no latent numbers to read.
         constant = (
             features.of_parameters(params, self.inputs, self.model)
-            if any(m.n_folded for m in self.networks.values())
+            if any(m.n_folded for m in self.evaluated.values())
             else []
         )
-        return {slot: evaluators[slot].fold(constant if mlp.n_folded else []) for slot, mlp in self.networks.items()}
+        folded = {slot: evaluators[slot].fold(constant if mlp.n_folded else []) for slot, mlp in self.evaluated.items()}
+        # A network without directions is constant, too, up to its output.
+        return {slot: v if self._varies(slot) else evaluators[slot]([], v) for slot, v in folded.items()}
+
+    def _varies(self, slot: str) -> bool:
+        return self.networks[slot].sizes[0] > self.networks[slot].n_folded
 
     def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """Reflectance f_r.
@@ -146,12 +168,7 @@ class EnhancedBRDF:
 
     def prepare(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """The graph to evaluate, the record to evaluate it on, and the lanes above the horizon; as :meth:`__call__`."""
-        frame = geometry.frame_of(params)
-        local_i, local_o = frame.to_local(wi), frame.to_local(wo)
-        active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
-        # Inactive lanes run at normal incidence: no inf or NaN arises whose gradient would survive the mask.
-        up = mi.Vector3f(0, 0, 1)
-        local_i, local_o = dr.select(active, local_i, up), dr.select(active, local_o, up)
+        local_i, local_o, active = geometry.local_directions(wi, wo, params)
         record = {**geometry.quantities(local_i, local_o), **params}
         graph = self.model.graph
         if self.networks:
@@ -183,19 +200,23 @@ class EnhancedBRDF:
 
     def _functions(self, record: Mapping, wi, wo, evaluators: Mapping, folded: Mapping) -> dict:
         """The callables that stand in for the slots with networks."""
-        nodes = [self.model.graph.find(slot) for slot in self.networks]
+        nodes = [self.model.graph.find(slot) for slot in self.evaluated]
         x = features.of_directions(record, self.inputs, wi, wo, nodes)
-        return {slot: self._function(slot, x[slot], evaluators[slot], folded[slot]) for slot in self.networks}
+        functions = {slot: self._function(slot, x[slot], evaluators[slot], folded[slot]) for slot in self.evaluated}
+        for c in self.compact:
+            values = map(_exp, c(record))
+            functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
+        return functions
 
     def _function(self, slot: str, x: Sequence, evaluator, bias: Sequence):
         """The callable that stands in for `slot`."""
         if self.model.graph.find(slot).args:
             return lambda a, b: _operator(evaluator, bias, a, b)
         mlp, name = self.networks[slot], f"norm_{slot}"
-        x = x if mlp.sizes[0] > mlp.n_folded else []
 
         def term(record):
-            out = [_exp(y + record[name]) if name in record else _exp(y) for y in evaluator(x, bias)]
+            values = evaluator(x, bias) if self._varies(slot) else bias
+            out = [_exp(y + record[name]) if name in record else _exp(y) for y in values]
             return out[0] if len(out) == 1 else mi.Color3f(*out)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:

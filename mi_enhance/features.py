@@ -61,6 +61,11 @@ def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
     return [*analytic, *p.get("latent", ())]
 
 
+def names_of_parameters(model: Model, inputs: str) -> list[str]:
+    """What :func:`of_parameters` reads, latent numbers aside."""
+    return [p.name for p in (_shape(model) if inputs in COLOURLESS else model.parameters)]
+
+
 def n_of_parameters(model: Model, inputs: str) -> int:
     """Length of the list that :func:`of_parameters` makes, latent numbers aside."""
     return len(_shape(model)) if inputs in COLOURLESS else parameters.count(model.parameters)
@@ -107,6 +112,30 @@ def _shared(q: Mapping, inputs: str, wi, wo) -> list:
     return [*features, _sin_theta_d(q), *_asymmetric_features(q)] if inputs == "shape" else features
 
 
+# Keys of named(): the features of "shape", for models with up to two lobes.
+NAMES = (
+    *("sin2_h", "lobe", "azimuth", "lobe2", "azimuth2", "cos_d", "product", "log_product", "sin_d"),
+    *("difference", "log_ratio"),
+)
+
+
+def named(q: Mapping) -> dict:
+    """The features of ``"shape"`` by name, as far as `q` has what they are made of; the last two need asymmetry.
+
+    Examples
+    --------
+    >>> from mi_enhance.geometry import quantities
+    >>> list(named(quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))))
+    ['sin2_h', 'cos_d', 'product', 'log_product', 'sin_d']
+    """
+    lobes = _lobes(q)
+    left_out = {name + n for name in ("lobe", "azimuth") for n in ("", "2") if n not in lobes}
+    if "asymmetry" not in q:
+        left_out |= {"difference", "log_ratio"}
+    names = [name for name in NAMES if name not in left_out]
+    return dict(zip(names, _shared(q, "shape", None, None), strict=True))
+
+
 def _half_features(q: Mapping, lobes: Iterable[str]) -> list:
     h = q["h"]
     features = [dr.square(h.x) + dr.square(h.y)]  # sin^2 theta_h
@@ -126,7 +155,12 @@ def _sin_theta_d(q: Mapping):
 
 
 def _asymmetric_features(q: Mapping) -> list:
-    """What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal."""
+    """What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal.
+
+    Left out where :mod:`mi_enhance.lean` has left out the parameter, and the networks' inputs with it.
+    """
+    if "asymmetry" not in q:
+        return []
     cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
     return [q["asymmetry"] * (cos_i - cos_o), q["asymmetry"] * dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5]
 

@@ -87,6 +87,7 @@ def fit(
         )
     require_rgb("fit()")
     callback = callback or (lambda *_: None)
+    material = material.exact  # a specialised one holds for its own parameters only
     start = time.perf_counter()
     run = functools.partial(_lm if method == "lm" else _rmsprop, reciprocal=reciprocal)
     rng = np.random.default_rng(seed)

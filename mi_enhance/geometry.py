@@ -64,6 +64,38 @@ def frame_of(params: Mapping) -> mi.Frame3f:
 QUANTITIES = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
 
 
+def local_directions(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping):
+    """Both directions in the material's frame, and the lanes in which they are above its horizon and the surface's.
+
+    What evaluates and what samples a material ask here, so a kernel that does both works it out once.
+
+    Parameters
+    ----------
+    wi, wo : mi.Vector3f, N lanes
+        Directions towards viewer and light, surface frame.
+    params : dict
+        Parameter values; reads ``n_x``, ``n_y``, ``t_theta``, and takes the surface's frame where they are left out.
+
+    Returns
+    -------
+    local_i, local_o : mi.Vector3f, N lanes
+        Inactive lanes are at normal incidence: no inf or NaN arises whose gradient would survive the mask.
+    active : mi.Mask, N lanes
+
+    Examples
+    --------
+    >>> local_directions(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, -1), {})[2]
+    [False]
+    """
+    active = (wi.z > 0) & (wo.z > 0)
+    if "n_x" in params:
+        to_local = frame_of(params).to_local
+        wi, wo = to_local(wi), to_local(wo)
+        active &= (wi.z > 0) & (wo.z > 0)
+    up = mi.Vector3f(0, 0, 1)
+    return dr.select(active, wi, up), dr.select(active, wo, up), active
+
+
 def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
     """All directional quantities that terms and networks can ask for by name.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,6 +120,37 @@ class Node:
                 self, args=tuple(a.exchange(name, term, label, inputs) if name in a.slots else a for a in self.args)
             )
         return Node(name, term, inputs=inputs, label=label)
+
+    def without(self, zero: Collection[str], networks: Collection[str] = ()) -> Node | None:
+        """Return a copy without the terms named in `zero`, whose value is 0, and without all that they multiply.
+
+        Parameters
+        ----------
+        zero : collection of str
+            Terms.
+        networks : collection of str
+            Slots that networks will stand in for: one in the place of an operator makes something of 0, too.
+
+        Returns
+        -------
+        Node or None
+            None if nothing is left.
+
+        Examples
+        --------
+        >>> a, b, c = (Node(name, lambda: 1) for name in "abc")
+        >>> print((a * b + c).without(["b"]))
+        c
+        """
+        if not self.args:
+            return None if self.name in zero and self.name not in networks else self
+        if self.name in networks:
+            return self
+        args = tuple(a.without(zero, networks) for a in self.args)
+        left = [a for a in args if a is not None]
+        if len(left) == 2:
+            return dataclasses.replace(self, args=args)
+        return left[0] if left and self.symbol == "+" else None
 
     def __str__(self) -> str:
         label = self.symbol or self.label or self.name

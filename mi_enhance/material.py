@@ -10,7 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import alternatives, models, nn, parameters
+from . import alternatives, compact, models, nn, parameters
 from ._files import DEFAULT_NETWORK, network_file
 from .data import tensor_file
 from .data._io import replacing, require_file
@@ -84,11 +84,21 @@ class Material:
         changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
         return dataclasses.replace(self, params=changed)
 
+    @property
+    def exact(self) -> Material:
+        """The material that :func:`mi_enhance.specialize` made this one from; itself if it is none of those."""
+        report = {key: value for key, value in self.report.items() if not key.startswith("specialize_")}
+        return dataclasses.replace(self, brdf=dataclasses.replace(self.brdf, compact=()), report=report)
+
     def show(self) -> str:
         """A text: equation, parameters, report."""
         lines = [str(self.brdf)]
         for p in self.brdf.parameters:
             lines.append(f"  {p.name:<8} {' '.join(f'{v:.4g}' for v in self.params[p.name])}")
+        for c in self.brdf.compact:
+            lines.append(
+                f"  {', '.join(c.slots)} from a network {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}"
+            )
         lines.append(
             f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
             f"inputs: {self.brdf.inputs}"
@@ -134,7 +144,7 @@ class Material:
             "type": "enhanced",
             "description": json.dumps(self._description()),
             "params": mi.Float(self.vector().astype(np.float32)),
-            "weights": mi.Float(nn.flatten(self.brdf.networks)),
+            "weights": mi.Float(np.concatenate([nn.flatten(self.brdf.networks), _flat(self.brdf.compact)])),
         }
 
     # ------------------------------------------------------------------ files
@@ -151,6 +161,8 @@ class Material:
         for slot, mlp in self.brdf.networks.items():
             for k, (w, b) in enumerate(mlp.layers):
                 tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
+        if self.brdf.compact:
+            tensors["compact"] = _flat(self.brdf.compact)
         if self.library is not None:
             tensors["library"] = self.library.astype(np.float32)
         with replacing(path) as temporary:
@@ -200,7 +212,9 @@ class Material:
                         )
                 layers.append(tuple(arrays[name].astype(np.float32) for name in names))
             networks[slot] = dataclasses.replace(mlp, layers=tuple(layers))
-        brdf = dataclasses.replace(template, networks=networks)
+        brdf = dataclasses.replace(
+            template, networks=networks, compact=_compact(description, arrays.get("compact"), template, where)
+        )
         library = arrays.get("library")
         return _assemble(brdf, arrays["params"], description, where, library)
 
@@ -211,9 +225,14 @@ class Material:
         parsed = _read_description(description.encode(), where)
         template = _template(parsed, where)
         flat = np.asarray(weights, np.float32).ravel()
-        if len(flat) != template.n_weights:
+        own, rest = flat[: template.n_weights], flat[template.n_weights :]
+        if len(own) != template.n_weights or (len(rest) and "compact" not in parsed):
             raise ValueError(f"{where}: {len(flat)} weights given, {template.n_weights} expected for {template}.")
-        brdf = dataclasses.replace(template, networks=nn.unflatten(template.networks, flat))
+        brdf = dataclasses.replace(
+            template,
+            networks=nn.unflatten(template.networks, own),
+            compact=_compact(parsed, rest, template, where),
+        )
         return _assemble(brdf, np.asarray(params), parsed, where, None)
 
     def _description(self) -> dict:
@@ -230,6 +249,7 @@ class Material:
             "inputs": brdf.inputs,
             "modulated": any(mlp.modulated for mlp in brdf.networks.values()),
             "parameters": [[p.name, p.size] for p in brdf.parameters],
+            **({"compact": [c.describe() for c in brdf.compact]} if brdf.compact else {}),
             "lobe_albedo": self.lobe_albedo,
             "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
             "report": self.report,
@@ -278,6 +298,26 @@ def _model(description: dict) -> models.Model:
     """The package's own by name, another from the text that is in the file: no other file is read."""
     text = description.get("model_text", "")
     return models.from_expression(text) if text else models.registered(description["model"])
+
+
+def _flat(networks: tuple[compact.Compact, ...]) -> np.ndarray:
+    return np.concatenate([np.zeros(0, np.float32), *(c.flat for c in networks)])
+
+
+def _compact(description: dict, flat: np.ndarray | None, template: EnhancedBRDF, where: str) -> tuple:
+    """The compact networks of a file, of which a material need not have any."""
+    if "compact" not in description:
+        return ()
+    try:
+        result = compact.restore(description["compact"], np.zeros(0, np.float32) if flat is None else flat)
+        for c in result:
+            for slot in c.slots:
+                template.model.graph.find(slot)
+        return result
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"{where}: its compact networks cannot be understood: {error}. Specialize it again."
+        ) from error
 
 
 def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: str, library) -> Material:

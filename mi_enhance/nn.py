@@ -119,9 +119,15 @@ def _affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
     return out
 
 
+def _leaky(v):
+    """Leaky ReLU as the larger of two numbers: one instruction, where comparing, choosing and scaling are three."""
+    low = SLOPE * v
+    return dr.select(v > low, v, low)
+
+
 def _head(z: Sequence, weights: Sequence) -> list:
     """A last layer whose weights are data, on what comes before its activation."""
-    a = [dr.select(v > 0, v, SLOPE * v) for v in z]
+    a = [_leaky(v) for v in z]
     step = len(a) + 1
     out = []
     for k in range(0, len(weights), step):
@@ -132,6 +138,20 @@ def _head(z: Sequence, weights: Sequence) -> list:
     return out
 
 
+def dense(layers: Sequence[tuple[np.ndarray, np.ndarray]], x: Sequence) -> list:
+    """Evaluate a network each of whose layers sees the inputs and all hidden units so far; entries of 0 are skipped."""
+    seen = list(x)
+    for k, (w, b) in enumerate(layers):
+        z = []
+        for row, y in zip(w.tolist(), b.tolist(), strict=True):
+            for weight, v in zip(row, seen, strict=True):
+                y = dr.fma(v, weight, y) if weight else y
+            z.append(mi.Float(y))
+        if k == len(layers) - 1:
+            return z
+        seen += [_leaky(v) for v in z]
+
+
 class _BakedOp(dr.CustomOp):
     """Baked layers with a hand-written backward pass with respect to the inputs.
 
@@ -139,16 +159,19 @@ class _BakedOp(dr.CustomOp):
     """
 
     def eval(self, layers, x, bias):
-        self.layers, self.slopes = layers, []
+        self.layers, self.hidden = layers, []
         z = _affine(layers[0][0], x, bias)
         for w, b in layers[1:]:
-            self.slopes.append([dr.select(v > 0, mi.Float(1), mi.Float(SLOPE)) for v in z])
-            z = _affine(w, [v * s for v, s in zip(z, self.slopes[-1], strict=True)], b.tolist())
+            self.hidden.append(z)
+            z = _affine(w, [_leaky(v) for v in z], b.tolist())
         return z
+
+    def _slopes(self):
+        return [[dr.select(v > 0, mi.Float(1), mi.Float(SLOPE)) for v in z] for z in self.hidden]
 
     def backward(self):
         dz = list(self.grad_out())
-        for (w, _), slopes in zip(self.layers[:0:-1], self.slopes[::-1], strict=True):
+        for (w, _), slopes in zip(self.layers[:0:-1], self._slopes()[::-1], strict=True):
             dz = [g * s for g, s in zip(_affine(w.T, dz, [0.0] * w.shape[1]), slopes, strict=True)]
         w = self.layers[0][0]
         dx = _affine(w.T, dz, [0.0] * w.shape[1])
@@ -160,7 +183,7 @@ class _BakedOp(dr.CustomOp):
 
     def forward(self):
         dz = _affine(self.layers[0][0], self.grad_in("x"), self.grad_in("bias"))
-        for (w, _), slopes in zip(self.layers[1:], self.slopes, strict=True):
+        for (w, _), slopes in zip(self.layers[1:], self._slopes(), strict=True):
             dz = _affine(w, [g * s for g, s in zip(dz, slopes, strict=True)], [0.0] * len(w))
         self.set_grad_out(dz)
 

@@ -27,7 +27,8 @@ def shares(params: Mapping, lobe_albedo, model: Model = _GGX) -> list[mi.Float]:
     Parameters
     ----------
     params : dict
-        Parameter values, 1 or N lanes; reads ``rho_d`` and what the model's lobes are made of.
+        Parameter values, 1 or N lanes; reads ``rho_d`` and what the model's lobes are made of. A colour that is left
+        out counts as 0: such a lobe is not sampled.
     lobe_albedo : mi.Float or float
         Albedo of all lobes for rho_s = 1, at normal incidence (:func:`lobe_albedo`).
     model : Model
@@ -36,14 +37,15 @@ def shares(params: Mapping, lobe_albedo, model: Model = _GGX) -> list[mi.Float]:
     Returns
     -------
     list of mi.Float
-        At least 0.05 each, 0.95 together.
+        At least 0.05 each, at most 0.95 together.
     """
     strengths = [dr.mean(rho_s) for rho_s, *_ in model.lobes(params)]
+    if not strengths:
+        return []
+    diffuse = dr.mean(params["rho_d"]) if "rho_d" in params else 0
     specular = sum(strengths) * lobe_albedo
     # 1e-6: a black material samples the cosine, one without any lobe all of them alike
-    total = dr.clip(
-        specular / (specular + dr.mean(params["rho_d"]) + 1e-6), _MIN_SHARE * len(strengths), 1 - _MIN_SHARE
-    )
+    total = dr.clip(specular / (specular + diffuse + 1e-6), _MIN_SHARE * len(strengths), 1 - _MIN_SHARE)
     free = total - _MIN_SHARE * len(strengths)
     return [_MIN_SHARE + free * (s + 1e-6) / (sum(strengths) + 1e-6 * len(strengths)) for s in strengths]
 
@@ -76,10 +78,13 @@ def sample(
     Heitz and d'Eon 2014, *Importance Sampling Microfacet-Based BSDFs using the Distribution of Visible Normals*: a
     V-cavity has two sides, n and its mirror image about the normal, seen in proportion to their projected areas.
     """
+    lobes = model.lobes(params)
+    cosine = mi.warp.square_to_cosine_hemisphere(sample2)
+    if not lobes:
+        return cosine
     frame = geometry.frame_of(params)
     local = frame.to_local(wi)
     view = dr.select(local.z > 0, local, mi.Vector3f(0, 0, 1))
-    lobes = model.lobes(params)
     # One distribution whose roughness is that of the lobe drawn: its code stands in the kernel once.
     _, a_x, a_y = lobes[0]
     first, share = mi.Float(0), shares[0]  # where the interval of the lobe in sample1 begins, and its length
@@ -97,7 +102,7 @@ def sample(
         normal = dr.select((sample1 - first) * (seen + hidden) < share * seen, normal, other)
     reflected = 2 * dr.dot(local, normal) * normal - local
     drawn = sample1 < first + share
-    return dr.select(drawn, frame.to_world(reflected), mi.warp.square_to_cosine_hemisphere(sample2))
+    return dr.select(drawn, frame.to_world(reflected), cosine)
 
 
 def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model = _GGX) -> mi.Float:
@@ -107,11 +112,8 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model 
     ----------
     Heitz 2018, *Sampling the GGX Distribution of Visible Normals*, eqs. (3) and (17).
     """
-    frame = geometry.frame_of(params)
-    local_i, local_o = frame.to_local(wi), frame.to_local(wo)
-    active = (wi.z > 0) & (wo.z > 0) & (local_i.z > 0) & (local_o.z > 0)
-    local_i, local_o = (dr.select(active, w, mi.Vector3f(0, 0, 1)) for w in (local_i, local_o))
-    h = dr.normalize(local_i + local_o)
+    local_i, local_o, active = geometry.local_directions(wi, wo, params)
+    h = geometry.quantities(local_i, local_o)["h"]
     density = (1 - sum(shares)) * mi.warp.square_to_cosine_hemisphere_pdf(wo)
     for (_, a_x, a_y), share in zip(model.lobes(params), shares, strict=True):
         # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to

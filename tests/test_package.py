@@ -11,7 +11,7 @@ import mi_enhance
 from mi_enhance import _files
 
 
-@pytest.mark.parametrize("name", ["enhance", "fit", "train", "compare"])
+@pytest.mark.parametrize("name", ["enhance", "fit", "train", "compare", "specialize"])
 def test_function_is_not_hidden_by_the_module_of_its_name(name):
     module = importlib.import_module(f"mi_enhance.{name}")  # stores the module in the package, if nothing prevents it
     assert getattr(mi_enhance, name) is getattr(module, name)

@@ -1,0 +1,253 @@
+"""Specialising: one material's networks become a single small one, with a stated error.
+
+For one material all parameters are constants, and what its networks say is a smooth function of the directions alone.
+A network of a tenth of the size learns that function in seconds: least squares on the logarithms of the factors, each
+weighted by what it means for the logarithm of f. Colours, D, F and the frame stay outside and stay editable.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import distil, features, nn, parameters, prune
+from .compact import Compact
+from .data import Measurements
+from .data.sampling import sample_pairs
+from .enhance import EnhancedBRDF
+from .fit import require_rgb
+from .graph import Node
+from .losses import log_l1
+from .material import Material
+
+# Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
+SIZES = (6, 8, 12, 16)
+
+_TRAINING, _VALIDATION = 8192, 20_000  # pairs of directions
+_STARTS, _FEW = 4, 1024  # first weights that are tried, on how many pairs
+_MIN_COS = 1e-3  # closer to the horizon than any measurement: a render asks there, too
+# A factor that means nothing for f (the diffuse one of a black metal) still follows the exact one a little: an edit of
+# the colour can bring it to light.
+_MIN_WEIGHT = 1e-3
+# All features but the last, the logarithm of the ratio of the cosines, which adds little to their difference.
+_INPUTS = features.NAMES[:-1]
+# Inputs that vary by less say nothing: the azimuth where the roughnesses are equal, asymmetry where there is none.
+_MIN_SPREAD = 5e-3
+
+
+def specialize(
+    material: Material, measurements: Measurements | None = None, *, max_error: float = 1e-3, seed: int = 0
+) -> Material:
+    """The same material with a small network of its own, several times cheaper to render.
+
+    Parameters
+    ----------
+    material : Material
+        With networks. It is kept: ``specialize(m).exact`` is `m` again.
+    measurements : Measurements, optional
+        What it was fitted to: the small network then goes on to follow them, and may become more accurate than the
+        networks it comes from.
+    max_error : float
+        Largest mean absolute difference of log(1 + f cos) to the exact material, over random pairs of directions
+        (:func:`mi_enhance.data.sampling.sample_pairs`); with measurements the most by which the error against them may
+        grow, over those of them that were not learned.
+    seed : int
+        Of directions and first weights.
+
+    Returns
+    -------
+    Material
+        With the cheapest network whose error is small enough; if there is none, with the exact networks without the
+        units that are linear for this material. `report` has, besides, ``specialize_network`` (its sizes),
+        ``specialize_error`` (difference to the exact material), ``specialize_max_error``, ``specialize_multiply_adds``,
+        ``specialize_multiply_adds_exact``, ``specialize_seconds``; with measurements ``specialize_log_l1`` and
+        ``specialize_log_l1_exact``.
+
+    Raises
+    ------
+    ValueError
+        If there is no network to be made cheaper, one sees colours, or `max_error` is not above 0.
+    RuntimeError
+        If no RGB variant with gradients is active.
+
+    Examples
+    --------
+    >>> m = specialize(Material.network().edit(rho_s=0.5), max_error=0.01)
+    >>> m.report["specialize_error"] < 0.01, m.brdf.multiply_adds < m.exact.brdf.multiply_adds / 8
+    (True, True)
+    """
+    if not max_error > 0:
+        raise ValueError(f"specialize(): max_error must be above 0; got {max_error}.")
+    require_rgb("specialize()")
+    start = time.perf_counter()
+    material = material.exact
+    slots = _factors(material.brdf)
+    training = _Problem(material, slots, *sample_pairs(_TRAINING, seed=seed + 1, min_cos=_MIN_COS))
+    validation = _Problem(material, slots, *sample_pairs(_VALIDATION, seed=seed + 2))
+    learned, held_out = _measured(material, slots, measurements, seed) if measurements else (None, None)
+    for size in SIZES:
+        compact = (_learn(training, learned, size, np.random.default_rng(seed)),)
+        error = validation.error(compact)
+        grown = held_out.error(compact) - held_out.error() if held_out else error
+        if grown <= max_error:
+            network = "-".join(map(str, compact[0].sizes))
+            break
+    else:
+        compact = _pruned(material, training)
+        network = "exact, without linear units" if compact else "exact"
+        error = validation.error(compact) if compact else 0.0
+    brdf = dataclasses.replace(material.brdf, compact=compact)
+    report = {
+        "specialize_network": network,
+        "specialize_error": error,
+        "specialize_max_error": max_error,
+        "specialize_multiply_adds": brdf.multiply_adds,
+        "specialize_multiply_adds_exact": material.brdf.multiply_adds,
+        "specialize_seconds": time.perf_counter() - start,
+    }
+    if held_out:
+        report |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
+    return dataclasses.replace(material, brdf=brdf, report={**material.report, **report})
+
+
+def _learn(training: _Problem, learned: _Problem | None, size: int, rng: np.random.Generator) -> Compact:
+    """A network with two layers of `size` hidden units."""
+    spread = {name: v.std() for name, v in training.features.items()}
+    inputs = tuple(name for name in _INPUTS if spread.get(name, 0) > _MIN_SPREAD)
+    x = training.columns(inputs)
+    mean, std = x.mean(0), x.std(0)
+    x, sizes = (x - mean) / std, (len(inputs), size, size, len(training.slots))
+    trials = []
+    for _ in range(_STARTS):
+        layers = distil.first(sizes, np.median(training.logs, 0), rng)
+        trials.append(distil.train(layers, x[:_FEW], training.of_factors, steps=15))
+    layers, _ = distil.train(min(trials, key=lambda t: t[1])[0], x, training.of_factors, steps=40)
+    if learned:
+        layers, _ = distil.train(layers, (learned.columns(inputs) - mean) / std, learned.of_truth, steps=20)
+    # The inputs as they are: the standardisation goes into the weights.
+    result = []
+    for w, b in layers:
+        own = w[:, : len(inputs)] / std
+        result.append((np.append(own, w[:, len(inputs) :], 1).astype(np.float32), (b - own @ mean).astype(np.float32)))
+    return Compact(training.slots, inputs, tuple(result))
+
+
+def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):
+    """The measurements in two parts, one to learn and one to judge by."""
+    order = np.random.default_rng(seed).permutation(len(measurements.f))
+    n = min(2 * _TRAINING, len(order) // 2)
+    return tuple(
+        _Problem(material, slots, measurements.wi[k], measurements.wo[k], measurements.f[k])
+        for k in (order[:n], order[n : n + _VALIDATION])
+    )
+
+
+def _pruned(material: Material, training: _Problem) -> tuple[Compact, ...]:
+    """The exact networks without linear units; none where there are operators, or inputs of another kind."""
+    brdf = material.brdf
+    if brdf.inputs != "shape" or not set(training.slots) <= set(brdf.networks):
+        return ()
+    names = [name for name in features.NAMES if name in training.features]
+    values = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in material.vector()])
+    constant = np.array([v[0] for v in features.of_parameters(values, brdf.inputs, brdf.model)], np.float64)
+    inputs = {name: training.features[name] for name in names}
+    result = []
+    for slot in training.slots:
+        *hidden, (w, b) = prune.fold(brdf.networks[slot], constant)
+        result.append(prune.prune(slot, [*hidden, (w, b + material.params[f"norm_{slot}"])], inputs))
+    return tuple(result)
+
+
+def _factors(brdf: EnhancedBRDF) -> tuple[str, ...]:
+    """The slots that one small network can stand in for: of each additive term what holds all its networks."""
+    colours = {p.name for p in brdf.model.parameters if p.is_colour}
+    wanted = {slot for slot, mlp in brdf.networks.items() if mlp.sizes[0] > mlp.n_folded}
+    result = _covers(brdf.model.graph, wanted)
+    for node in result:
+        if any(colours & set(n.inputs) for n in node.walk()):
+            raise ValueError(
+                f"specialize(): a network of {brdf} sees colours ({node.name}), so none of the directions alone can "
+                "stand in for it. Specialise a material whose networks see none, such as one of ggx2."
+            )
+    if not result:
+        raise ValueError(f"specialize(): {brdf} has no network of the directions: there is nothing to be made cheaper.")
+    return tuple(node.name for node in result)
+
+
+def _covers(node: Node, wanted: set[str]) -> list[Node]:
+    """The smallest subgraphs that hold all of `wanted`: one for each operand of a sum."""
+    if not wanted & set(node.slots):
+        return []
+    if not node.args or node.name in wanted:
+        return [node]
+    parts = [part for a in node.args for part in _covers(a, wanted)]
+    return parts if node.symbol == "+" or len(parts) < 2 else [node]
+
+
+class _Problem:
+    """The exact material on some pairs of directions: features, logarithms of the factors, what they mean for f."""
+
+    def __init__(self, material: Material, slots: tuple[str, ...], wi: np.ndarray, wo: np.ndarray, truth=None):
+        brdf, self.slots, n = material.brdf, slots, len(wi)
+        params = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in material.vector()])
+        evaluators = nn.Trainable(brdf.networks)  # baked weights take long to compile outside of a virtual call
+        dr.disable_grad(evaluators.weights)
+        wi, wo_ = (mi.Vector3f(np.ascontiguousarray(w.T)) for w in (wi, wo))
+        graph, record, active = brdf.prepare(wi, wo_, params, evaluators)
+        named, factors = features.named(record), [graph.find(slot)(record) for slot in slots]
+        dr.eval(named, factors)
+        self.features = {name: np.array(v, np.float64) for name, v in named.items()}
+        # 1e-20: an analytic operand may be 0
+        self.logs = np.stack([np.log(np.maximum(np.array(v, np.float64), 1e-20)) for v in factors], 1)
+        # f = rest + the sum of coefficients times factors: the graph with 0 and 1 in the place of the factors
+        rest, *ones = (self._f(graph, record, active, n, slot) for slot in (None, *slots))
+        self.rest, self.coefficients = rest, np.stack([f - rest for f in ones], 1)
+        self.cos, self.exact = wo[:, 2:].astype(np.float64), rest + self._sum(self.logs)
+        self.truth = self.exact if truth is None else truth
+        # derivative of log(1 + f cos), mean over the channels, with respect to the logarithm of a factor
+        slopes = self._slopes(self.logs, self.exact, slice(None))
+        self.weights = (slopes.mean(1) + _MIN_WEIGHT).astype(np.float32)
+
+    def _f(self, graph: Node, record: dict, active, n: int, one: str | None) -> np.ndarray:
+        stand_ins = {slot: lambda *_, v=float(slot == one): mi.Float(v) for slot in self.slots}
+        f = mi.Color3f(graph.replace(stand_ins)(record)) & active
+        return np.array(f + dr.zeros(mi.Color3f, n), np.float64).T
+
+    def columns(self, inputs: tuple[str, ...]) -> np.ndarray:
+        return np.stack([self.features[name] for name in inputs], 1)
+
+    def _sum(self, logs, index=slice(None)) -> np.ndarray:
+        return np.einsum("nmc,nm->nc", self.coefficients[index], np.exp(np.clip(logs, -20, 20)))
+
+    def _slopes(self, logs, f, index) -> np.ndarray:
+        """Derivatives (n, channels, factors) of log(1 + f cos)."""
+        factor = np.exp(np.clip(logs, -20, 20))
+        cos = self.cos[index]
+        return np.einsum("nmc,nm,nc->ncm", self.coefficients[index], factor, cos / (1 + f * cos))
+
+    def error(self, compact: tuple[Compact, ...] = ()) -> float:
+        """Mean absolute difference of log(1 + f cos) to the truth; of the exact material itself without networks."""
+        f = self.exact
+        if compact:
+            logs = np.concatenate([distil.forward(c.layers, self.columns(c.inputs)) for c in compact], 1)
+            order = [slot for c in compact for slot in c.slots]
+            f = self.rest + self._sum(logs[:, [order.index(slot) for slot in self.slots]])
+        return log_l1(f, self.truth, self.cos[:, 0])
+
+    def of_factors(self, logs: np.ndarray, index: slice):
+        """Residuals of the factors' logarithms, weighted by what they mean for f, and their slopes."""
+        w = self.weights[: len(logs)] if index == slice(None) else self.weights[index]
+        target = self.logs[: len(logs)] if index == slice(None) else self.logs[index]
+        return w * (logs - target), w[:, :, None] * np.eye(w.shape[1], dtype=np.float32)
+
+    def of_truth(self, logs: np.ndarray, index: slice):
+        """Residuals against the truth, and, little, against the exact factors; and their slopes."""
+        f = self.rest[index] + self._sum(logs, index)
+        r = (np.log1p(f * self.cos[index]) - np.log1p(self.truth[index] * self.cos[index])) / 3
+        anchor = _MIN_WEIGHT * (logs - self.logs[index])
+        eye = np.broadcast_to(_MIN_WEIGHT * np.eye(logs.shape[1]), (len(logs), logs.shape[1], logs.shape[1]))
+        return np.append(r, anchor, 1), np.append(self._slopes(logs, f, index) / 3, eye, 1)
