@@ -28,6 +28,7 @@ from .material import Material
 SIZES = (6, 8, 12, 16)
 
 _TRAINING, _VALIDATION = 8192, 20_000  # pairs of directions
+_AT_BEST = 2.5  # the next size is never better by more: what is hopeless is not tried
 _STARTS, _FEW = 4, 1024  # first weights that are tried, on how many pairs
 _MIN_COS = 1e-3  # closer to the horizon than any measurement: a render asks there, too
 # A factor that means nothing for f (the diffuse one of a black metal) still follows the exact one a little: an edit of
@@ -89,14 +90,16 @@ def specialize(
     training = _Problem(material, slots, *sample_pairs(_TRAINING, seed=seed + 1, min_cos=_MIN_COS))
     validation = _Problem(material, slots, *sample_pairs(_VALIDATION, seed=seed + 2))
     learned, held_out = _measured(material, slots, measurements, seed) if measurements else (None, None)
-    for size in SIZES:
+    chosen = False
+    for larger, size in zip(range(len(SIZES) - 1, -1, -1), SIZES, strict=True):
         compact = (_learn(training, learned, size, np.random.default_rng(seed)),)
         error = validation.error(compact)
         grown = held_out.error(compact) - held_out.error() if held_out else error
-        if grown <= max_error:
-            network = "-".join(map(str, compact[0].sizes))
+        chosen = grown <= max_error
+        if chosen or grown > max_error * _AT_BEST**larger:
             break
-    else:
+    network = "-".join(map(str, compact[0].sizes))
+    if not chosen:
         compact = _pruned(material, training)
         network = "exact, without linear units" if compact else "exact"
         error = validation.error(compact) if compact else 0.0

@@ -81,3 +81,16 @@ def test_missing_bundled_file_lists_those_there_are(find):
         FileNotFoundError, match=r'"gold\S*" does not come with mi_enhance. Choose one of: .+\.(xml|bsdf)'
     ):
         find("gold")
+
+
+def test_rendering_imports_nothing_but_what_it_needs(run_child):
+    """Neither fitting, training and specialising, nor plotting and metrics."""
+    code = f"""import mi_enhance, mitsuba as mi, sys
+mi.set_variant("llvm_ad_rgb")
+ball = mi.load_dict({{"type": "sphere", "b": {{"type": "enhanced", "filename": {str(_files.network_file("ggx"))!r}}}}})
+ours = {{"fit", "train", "search", "specialize", "distil", "objective", "compare", "metrics", "picture"}}
+others = {{"matplotlib", "skimage", "colour", "rich", "tqdm", "scipy", "OpenEXR"}}
+print(sorted({{m for m in ours if "mi_enhance." + m in sys.modules}} | others & set(sys.modules)))
+"""
+    child = run_child(code, DRJIT_LIBLLVM_PATH=mi_enhance._llvm.found.path)
+    assert child.stdout.strip() == "[]", child.stderr + child.stdout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 
 import mitsuba as mi
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from plugin_scenes import close, directions, evaluate
 
 from mi_enhance import compact, data, distil, prune
+from mi_enhance.cli import main
 from mi_enhance.data import synthetic
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.enhance import enhance
@@ -200,3 +202,19 @@ def test_pruned_network_is_the_same_function():
         a = np.where(z > 0, z, 0.01 * z) if k < 3 else z
     np.testing.assert_allclose(distil.forward(small.layers, x), a, atol=1e-4 * np.abs(a).max())
     assert small.multiply_adds < 0.7 * sum(w.size for w, _ in layers)
+
+
+# --- on the command line ----------------------------------------------------------------------------------------------
+
+
+def test_command_line_and_back(llvm, tmp_path, capsys):
+    exact().save(tmp_path / "gold.bsdf")
+    gold, small, back = (str(tmp_path / name) for name in ("gold.bsdf", "fast.bsdf", "back.bsdf"))
+    assert main(["specialize", gold, "-o", small, "--max-error", "0.01", "--json", "--variant", "llvm_ad_rgb"]) == 0
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert report["specialize_error"] < report["specialize_max_error"] == 0.01 and report["output"] == small
+    assert main(["specialize", small, "-o", back, "--undo", "--variant", "llvm_ad_rgb"]) == 0
+    assert Material.load(back).brdf.multiply_adds == exact().brdf.multiply_adds
+    capsys.readouterr()
+    assert main(["specialize", gold, "-o", back, "--undo", "--variant", "llvm_ad_rgb"]) == 2
+    assert 'gold.bsdf" is not a specialised material. Nothing was written.' in capsys.readouterr().err

@@ -49,6 +49,7 @@ def main() -> None:
     parser.add_argument(
         "--material", metavar="MAT.bsdf", help="enhanced material (default: the shipped network, unfitted)"
     )
+    parser.add_argument("--fast", metavar="FAST.bsdf", help="specialised material, as one more")
     parser.add_argument("--measured", metavar="DATA.bsdf", default=str(demo_data("satin_rosaline_rgb.bsdf")))
     parser.add_argument("--resolution", type=int, default=256)
     parser.add_argument("--spp", type=int, default=64)
@@ -73,6 +74,7 @@ def _bsdfs(args) -> dict[str, dict]:
     enhanced = Material.load(args.material) if args.material else Material.network()
     return {
         "enhanced": enhanced.to_dict(),
+        **({"specialised": Material.load(args.fast).to_dict()} if args.fast else {}),
         _REFERENCE: Material.analytic("ggx").to_dict(),
         "roughconductor": {"type": "roughconductor", "distribution": "ggx", "alpha": 0.2},
         "principled": {"type": "principled", "roughness": 0.45, "specular": 0.5},
@@ -146,6 +148,7 @@ def _cold(args, scene: str, label: str) -> float:
     with tempfile.TemporaryDirectory() as cache:
         command = [sys.executable, __file__, "--cold", label, "--scene", scene, "--measured", args.measured]
         command += ["--resolution", str(args.resolution)] + (["--material", args.material] if args.material else [])
+        command += ["--fast", args.fast] if args.fast else []
         environment = {**os.environ, "DRJIT_CACHE_DIR": cache}
         done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode:
