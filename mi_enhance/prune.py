@@ -79,7 +79,8 @@ def _rewrite(layers: Layers, slopes: Sequence[np.ndarray], choice: Sequence[bool
     for (w, b), slope, chosen in zip(layers[:-1], slopes, choice, strict=True):
         w, b = w @ a, w @ c + b
         linear = np.isfinite(slope) & chosen
-        result.append((w[~linear], b[~linear]))
+        if not linear.all():  # a layer of no units is none
+            result.append((w[~linear], b[~linear]))
         units = np.zeros((len(b), np.count_nonzero(~linear)))
         units[~linear] = np.eye(units.shape[1])
         a = np.concatenate([np.where(linear, slope, 0)[:, None] * w, units], 1)

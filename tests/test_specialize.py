@@ -207,6 +207,21 @@ def test_pruned_network_is_the_same_function():
 # --- on the command line ----------------------------------------------------------------------------------------------
 
 
+def test_network_without_any_kink_is_an_affine_function_that_can_be_kept():
+    """All units positive: no layer is left but the last, and the file is read again."""
+    rng = np.random.default_rng(0)
+    layers = [(rng.random((4, 2)), np.ones(4)), (rng.random((3, 4)), np.ones(3)), (rng.random((1, 3)), np.zeros(1))]
+    x = {"cos_d": rng.random(50), "product": rng.random(50)}
+    small = prune.prune("B", layers, x)
+    assert small.sizes == (2, 1)
+    (again,) = compact.restore(json.loads(json.dumps([small.describe()])), small.flat)
+    y = np.stack(list(x.values()), 1)
+    wanted = y
+    for w, b in layers:
+        wanted = wanted @ w.T + b
+    np.testing.assert_allclose(distil.forward(again.layers, y), wanted, rtol=1e-5)
+
+
 def test_command_line_and_back(llvm, tmp_path, capsys):
     exact().save(tmp_path / "gold.bsdf")
     gold, small, back = (str(tmp_path / name) for name in ("gold.bsdf", "fast.bsdf", "back.bsdf"))
