@@ -13,7 +13,7 @@ import numpy as np
 
 from . import geometry, terms
 from . import parameters as p
-from .models import Model, alpha_of_abc
+from .models import Model, alpha_of_abc, renamed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,13 +114,12 @@ def _with_term(model: Model, slot: str, alternative: Alternative, name: str) -> 
     brought = tuple(
         dataclasses.replace(q, name=own[q.name]) for q in alternative.parameters if own[q.name] not in known
     )
-    missing = {n for n in own.values() if n not in known} - {q.name for q in brought} - geometry.QUANTITIES
+    missing = {n for n in own.values() if n not in known} - {q.name for q in brought} - geometry.QUANTITIES.keys()
     if missing:
         raise ValueError(
             f'alternatives: {name} needs {", ".join(sorted(missing))}, which model "{model.name}" does not have.'
         )
-    term = lambda **q: alternative.term(**{n: q[o] for n, o in own.items()})  # noqa: E731
-    graph = model.graph.exchange(slot, term, name, tuple(own.values()))
+    graph = model.graph.exchange(renamed(slot, alternative.term, own, name))
     lobes = model.lobes
     if alternative.roughness:
         lobes = _lobes_with(model.lobes, 1 if slot.endswith("2") else 0, alternative, own)

@@ -96,11 +96,12 @@ class EnhancedBRDF:
         4480
         """
         total = sum(c.multiply_adds for c in self.compact)
+        colours = parameters.colours(self.model.parameters)
         for slot, mlp in self.evaluated.items():
             sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])
-            once = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if sizes[0] else 0
+            once = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if mlp.varies else 0
             node = self.model.graph.find(slot)
-            total += once * (3 if node.args and _has_colour(node, self.model) else 1)  # channel by channel
+            total += once * (3 if node.args and node.reads(colours) else 1)  # channel by channel
         return total
 
     def __str__(self) -> str:
@@ -132,10 +133,7 @@ class EnhancedBRDF:
         )
         folded = {slot: evaluators[slot].fold(constant if mlp.n_folded else []) for slot, mlp in self.evaluated.items()}
         # A network without directions is constant, too, up to its output.
-        return {slot: v if self._varies(slot) else evaluators[slot]([], v) for slot, v in folded.items()}
-
-    def _varies(self, slot: str) -> bool:
-        return self.networks[slot].sizes[0] > self.networks[slot].n_folded
+        return {slot: v if self.networks[slot].varies else evaluators[slot]([], v) for slot, v in folded.items()}
 
     def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """Reflectance f_r.
@@ -215,7 +213,7 @@ class EnhancedBRDF:
         mlp, name = self.networks[slot], f"norm_{slot}"
 
         def term(record):
-            values = evaluator(x, bias) if self._varies(slot) else bias
+            values = evaluator(x, bias) if mlp.varies else bias
             out = [_exp(y + record[name]) if name in record else _exp(y) for y in values]
             return out[0] if len(out) == 1 else mi.Color3f(*out)
 
@@ -224,11 +222,6 @@ class EnhancedBRDF:
             node = self.model.graph.find(slot)
             return lambda record: node(record) * term(record)
         return term
-
-
-def _has_colour(node: Node, model: Model) -> bool:
-    colours = {p.name for p in model.parameters if p.is_colour}
-    return any(colours & set(n.inputs) for n in node.walk())
 
 
 def _exp(y):
@@ -330,7 +323,7 @@ def _sizes(node: Node, model: Model, n_params: int, n_directional: int) -> tuple
     """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
     if node.args:
         return 0, 2, 1
-    directional = bool(geometry.QUANTITIES & set(node.inputs))
+    directional = node.reads(geometry.QUANTITIES)
     # A term that reads a colour stands for one (M, S), any other for a scalar (D, F, G, 1/E).
-    colour = any(p.is_colour and p.name in node.inputs for p in model.parameters)
+    colour = node.reads(parameters.colours(model.parameters))
     return n_params, n_directional if directional else 0, 3 if colour else 1

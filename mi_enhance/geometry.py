@@ -60,8 +60,11 @@ def frame_of(params: Mapping) -> mi.Frame3f:
     return frame(params["n_x"], params["n_y"], params["t_theta"])
 
 
-# What terms can ask for that depends on the directions: the keys of quantities().
-QUANTITIES = {"wi", "wo", "h", "cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"}
+# What terms can ask for that depends on the directions, the keys of quantities(), and of what kind it is.
+QUANTITIES = {
+    **dict.fromkeys(("wi", "wo", "h"), "direction"),
+    **dict.fromkeys(("cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"), "number"),
+}
 
 
 def local_directions(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping):

@@ -87,6 +87,10 @@ class Node:
         """Names of all slots, in the order of the formula: one digit of the enhancement state each (section 4.1)."""
         return tuple(node.name for node in self.walk())
 
+    def reads(self, names: Collection[str]) -> bool:
+        """Tell whether any slot depends on one of the quantities `names`."""
+        return any(name in names for node in self.walk() for name in node.inputs)
+
     def find(self, name: str) -> Node:
         """Return the slot called `name`; KeyError with the choices if there is none."""
         for node in self.walk():
@@ -112,14 +116,11 @@ class Node:
             return dataclasses.replace(self, args=args)
         return dataclasses.replace(self, args=args, fn=functions[self.name], replaced=True)
 
-    def exchange(self, name: str, term: Callable, label: str, inputs: tuple[str, ...] | None = None) -> Node:
-        """Return a copy whose term `name` is another analytic one, printed as `label`."""
-        self.find(name)
+    def exchange(self, term: Node) -> Node:
+        """Return a copy with another analytic term in the place of the one of that name."""
         if self.args:
-            return dataclasses.replace(
-                self, args=tuple(a.exchange(name, term, label, inputs) if name in a.slots else a for a in self.args)
-            )
-        return Node(name, term, inputs=inputs, label=label)
+            return dataclasses.replace(self, args=tuple(a.exchange(term) for a in self.args))
+        return term if self.name == term.name else self
 
     def without(self, zero: Collection[str], networks: Collection[str] = ()) -> Node | None:
         """Return a copy without the terms named in `zero`, whose value is 0, and without all that they multiply.

@@ -45,7 +45,7 @@ def lean(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enhanced
     if graph is not None:
         networks = {slot: mlp for slot, mlp in networks.items() if slot in graph.slots}
         read = {name for node in graph.walk() for name in node.inputs}
-        left_out |= {p.name for p in brdf.model.parameters if p.is_colour and p.name in zero - read}
+        left_out |= parameters.colours(brdf.model.parameters) & zero - read
     else:  # a black material: something must be left to evaluate
         graph = brdf.model.graph
     if "asymmetry" in zero and brdf.inputs == "shape":  # its two features come last
@@ -61,7 +61,7 @@ def lean(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enhanced
 def _zero_terms(brdf: EnhancedBRDF, zero: set[str]) -> list[str]:
     """Terms that are 0 because of a colour that nothing else reads."""
     terms = [node for node in brdf.model.graph.walk() if not node.args]
-    colours = {p.name for p in brdf.model.parameters if p.is_colour}
+    colours = parameters.colours(brdf.model.parameters)
     result = []
     for node in terms:
         own = set(node.inputs)
@@ -74,4 +74,4 @@ def _zero_terms(brdf: EnhancedBRDF, zero: set[str]) -> list[str]:
 def _without_asymmetry(mlp):
     """The network without its last two inputs."""
     (w, b), *rest = mlp.layers
-    return dataclasses.replace(mlp, layers=((w[:, :-2], b), *rest)) if w.shape[1] > mlp.n_folded else mlp
+    return dataclasses.replace(mlp, layers=((w[:, :-2], b), *rest)) if mlp.varies else mlp

@@ -117,6 +117,10 @@ class Material:
         """All parameters in order, float64."""
         return parameters.flatten(self.brdf.parameters, self.params)
 
+    def lanes(self) -> dict:
+        """All parameters by name as Dr.Jit arrays of one lane, as an :class:`EnhancedBRDF` takes them."""
+        return parameters.unflatten(self.brdf.parameters, [mi.Float(float(v)) for v in self.vector()])
+
     def evaluate(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """Reflectance f_r in 1/sr without the cosine.
 
@@ -131,8 +135,7 @@ class Material:
             Linear RGB; 0 below the horizon.
         """
         wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
-        values = [mi.Float(float(v)) for v in self.vector()]
-        return np.array(self.brdf(wi, wo, parameters.unflatten(self.brdf.parameters, values))).T
+        return np.array(self.brdf(wi, wo, self.lanes())).T
 
     def bsdf(self) -> mi.BSDF:
         """The Mitsuba BSDF, straight from memory; the same as saving and loading by ``filename``."""

@@ -17,6 +17,7 @@ import drjit as dr
 
 from . import expression, parameters
 from .expression import MAX_NUMBER, Expression, shown
+from .geometry import QUANTITIES
 from .graph import Node
 from .parameters import Parameter
 
@@ -27,13 +28,8 @@ else:
 
 # Characters (a key of many dots costs time as their square); terms, parameters, starts; parentheses in the formula.
 _MAX_TEXT, _MAX_ITEMS, _MAX_DEPTH = 10_000, 40, 20
-# What terms may read of a pair of directions: the keys of geometry.quantities().
-DIRECTIONAL = {
-    **dict.fromkeys(("wi", "wo", "h"), "direction"),
-    **dict.fromkeys(("cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"), "number"),
-}
 _TAKEN = {
-    *(*DIRECTIONAL, *expression.RESERVED, *parameters.FRAME, "latent", "asymmetry"),
+    *(*QUANTITIES, *expression.RESERVED, *parameters.FRAME, "latent", "asymmetry"),
     *("type", "id", "filename", "description", "params", "weights"),  # of the plugin's dictionary
 }
 # Sampling, networks and alternative terms read these by name: their meaning is fixed.
@@ -77,7 +73,7 @@ def parse(text: str, where: str) -> dict:
     all_parameters = (*frame, *own.values())
     kinds = {q.name: "colour" if q.is_colour else "number" for q in own.values()}
     terms = {
-        slot: expression.parse(v, {**DIRECTIONAL, **kinds}, f"{where}: [terms] {slot[:60]}")
+        slot: expression.parse(v, {**QUANTITIES, **kinds}, f"{where}: [terms] {slot[:60]}")
         for slot, v in _table(given, "terms", where).items()
     }
     graph = _graph(_get(given, "formula", str, where), terms, f"{where}: formula")
@@ -209,7 +205,7 @@ def _check_terms(terms: Mapping[str, Expression], kinds: Mapping[str, str], wher
     if ("alpha_x" in kinds) != ("alpha_y" in kinds) or ("alpha_x2" in kinds) != ("alpha_y2" in kinds):
         raise ValueError(f"{where}: alpha_x and alpha_y come in pairs. Use both, or another name for one roughness.")
     for slot, term in terms.items():
-        both = [name for name in term.reads if name in DIRECTIONAL]
+        both = [name for name in term.reads if name in QUANTITIES]
         if term.is_colour and both:
             raise ValueError(
                 f"{where}: [terms] {slot} reads a colour and the direction {both[0]}. Split it: a term of the colour "

@@ -354,7 +354,12 @@ def ggx2() -> Model:
 def _second(name: str, term: Callable) -> Node:
     """A node of the second lobe: `term` with rho_s2, alpha_x2, alpha_y2 in place of the first lobe's parameters."""
     own = {n: f"{n}2" if n in ("rho_s", "alpha_x", "alpha_y") else n for n in inspect.signature(term).parameters}
-    return Node(name, lambda **q: term(**{n: q[own[n]] for n in own}), inputs=tuple(own.values()))
+    return renamed(name, term, own)
+
+
+def renamed(name: str, term: Callable, own: Mapping[str, str], label: str = "") -> Node:
+    """A node whose `term` reads other quantities than its arguments are called after: argument -> quantity."""
+    return Node(name, lambda **q: term(**{n: q[o] for n, o in own.items()}), inputs=tuple(own.values()), label=label)
 
 
 MODELS = {

@@ -48,6 +48,11 @@ class MLP:
         return tuple(sizes)
 
     @property
+    def varies(self) -> bool:
+        """False if all inputs are constant over a material: a network without directions."""
+        return self.sizes[0] > self.n_folded
+
+    @property
     def n_weights(self) -> int:
         """Number of floats, biases included.
 

@@ -83,9 +83,7 @@ def _parts(node: Node, symbol: str) -> Iterator[Node]:
 def _albedos(material: Material) -> list[tuple[float, float]]:
     """Albedo under even light from all sides of every additive term with colour 1: enhanced, analytic."""
     brdf = material.brdf
-    values = [mi.Float(float(v)) for v in material.vector()]
-    params = parameters.unflatten(brdf.parameters, values)
-    params |= {p.name: mi.Color3f(1) for p in brdf.model.parameters if p.is_colour}
+    params = material.lanes() | {name: mi.Color3f(1) for name in parameters.colours(brdf.model.parameters)}
     rng = np.random.default_rng(0)
     u = [mi.Float(rng.random(_SAMPLES).astype(np.float32)) for _ in range(5)]
     wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))

@@ -86,7 +86,7 @@ class Objective:
         dr.enable_grad(p_leaves)
         params = parameters.unflatten(self.brdf.parameters, self.space.back(p_leaves))
         graph, record, active = self.brdf.prepare(self.wi, self.wo, params, self.evaluators)
-        colours = {p.name for p in self.brdf.parameters if p.is_colour}
+        colours = parameters.colours(self.brdf.parameters)
         # What lies below the colours is a scalar: one backward pass through the networks serves all three channels.
         values = {node.name: node(record) for node in _scalar_parts(graph, colours)}
         cuts = {name: v for name, v in values.items() if dr.grad_enabled(v)}  # an analytic B is the number 1
@@ -173,16 +173,12 @@ def _gradient(value, inputs: list, seed) -> list[mi.Float]:
 
 def _scalar_parts(node, colours: set[str]) -> list:
     """The largest subgraphs that read none of the `colours`: operands of operators, one of which does."""
-    if not node.args or not _is_colour(node, colours):
+    if not node.args or not node.reads(colours):
         return []
     parts = []
     for a in node.args:
-        parts += _scalar_parts(a, colours) if _is_colour(a, colours) else [a]
+        parts += _scalar_parts(a, colours) if a.reads(colours) else [a]
     return parts
-
-
-def _is_colour(node, colours: set[str]) -> bool:
-    return any(_is_colour(a, colours) for a in node.args) if node.args else bool(colours & set(node.inputs))
 
 
 def _block(n: int) -> int:

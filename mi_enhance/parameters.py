@@ -101,6 +101,17 @@ def count(parameters: Sequence[Parameter]) -> int:
     return sum(p.size for p in parameters)
 
 
+def colours(parameters: Sequence[Parameter]) -> set[str]:
+    """Names of the colours.
+
+    Examples
+    --------
+    >>> colours([RHO_D, F0])
+    {'rho_d'}
+    """
+    return {p.name for p in parameters if p.is_colour}
+
+
 def initial(parameters: Sequence[Parameter]) -> dict[str, np.ndarray]:
     """Starting values, name -> float64 array of length `size`."""
     return {p.name: np.full(p.size, p.initial) for p in parameters}

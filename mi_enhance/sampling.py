@@ -146,10 +146,7 @@ def lobe_albedo(material, n: int = 4096) -> float:
     float
         At least 0.
     """
-    from . import parameters
-
-    values = [mi.Float(float(v)) for v in material.vector()]
-    params = parameters.unflatten(material.brdf.parameters, values)
+    params = material.lanes()
     # Roberts 2018, R3 sequence: three coordinates that fill the cube evenly
     u = [0.5 + a * dr.arange(mi.Float, n) for a in (0.8191725134, 0.6710436067, 0.5497004779)]
     u = [v - dr.floor(v) for v in u]

@@ -155,7 +155,7 @@ def _pruned(material: Material, training: _Problem) -> tuple[Compact, ...]:
     if brdf.inputs != "shape" or not set(training.slots) <= set(brdf.networks):
         return ()
     names = [name for name in features.NAMES if name in training.features]
-    values = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in material.vector()])
+    values = material.lanes()
     constant = np.array([v[0] for v in features.of_parameters(values, brdf.inputs, brdf.model)], np.float64)
     inputs = {name: training.features[name] for name in names}
     result = []
@@ -167,11 +167,11 @@ def _pruned(material: Material, training: _Problem) -> tuple[Compact, ...]:
 
 def _factors(brdf: EnhancedBRDF) -> tuple[str, ...]:
     """The slots that one small network can stand in for: of each additive term what holds all its networks."""
-    colours = {p.name for p in brdf.model.parameters if p.is_colour}
-    wanted = {slot for slot, mlp in brdf.networks.items() if mlp.sizes[0] > mlp.n_folded}
+    colours = parameters.colours(brdf.model.parameters)
+    wanted = {slot for slot, mlp in brdf.networks.items() if mlp.varies}
     result = _covers(brdf.model.graph, wanted)
     for node in result:
-        if any(colours & set(n.inputs) for n in node.walk()):
+        if node.reads(colours):
             raise ValueError(
                 f"specialize(): a network of {brdf} sees colours ({node.name}), so none of the directions alone can "
                 "stand in for it. Specialise a material whose networks see none, such as one of ggx2."
@@ -196,7 +196,7 @@ class _Problem:
 
     def __init__(self, material: Material, slots: tuple[str, ...], wi: np.ndarray, wo: np.ndarray, truth=None):
         brdf, self.slots, n = material.brdf, slots, len(wi)
-        params = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in material.vector()])
+        params = material.lanes()
         evaluators = nn.Trainable(brdf.networks)  # baked weights take long to compile outside of a virtual call
         dr.disable_grad(evaluators.weights)
         wi, wo_ = (mi.Vector3f(np.ascontiguousarray(w.T)) for w in (wi, wo))

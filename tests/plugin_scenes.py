@@ -93,3 +93,15 @@ def evaluate(bsdf, wi, wo, uv=(0.5, 0.5)) -> np.ndarray:
 def close(a, b, rel=ROUNDING):
     """Assert equality up to a fraction of the value or of the largest one."""
     np.testing.assert_allclose(a, b, rtol=rel, atol=rel * np.abs(b).max())
+
+
+def render_attached(material):
+    """A small image of a ball, its parameters, all attached, and the keys of those that belong to the material."""
+    s = ball({**material.to_dict(), "id": "m"}, integrator={"type": "prb", "max_depth": 3})
+    p = mi.traverse(s)
+    keys = [k for k in p.keys() if k.rsplit(".", 1)[-1] in material.params]
+    assert len(keys) == len(material.params)
+    for key in keys:
+        dr.enable_grad(p[key])
+    p.update()
+    return mi.render(s, p, spp=16), p, keys

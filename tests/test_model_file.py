@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import twin
-from plugin_scenes import ball
+from plugin_scenes import ball, render_attached
 from test_models import USUAL, given, materials
 
 from mi_enhance import cli, data, enhance, geometry, model_file, models, nn, parameters
@@ -138,7 +138,7 @@ def test_parentheses_are_kept_and_printed():
 def test_directions_are_those_of_the_geometry(llvm):
     q = geometry.quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))
     kinds = {name: "direction" if isinstance(v, mi.Vector3f) else "number" for name, v in q.items()}
-    assert kinds == model_file.DIRECTIONAL
+    assert kinds == geometry.QUANTITIES
 
 
 def test_starts_and_lobes_may_be_left_out_where_the_package_has_some():
@@ -188,14 +188,7 @@ def test_fit_save_load_and_render(llvm, tmp_path):
 @pytest.mark.parametrize("text", [TEXT, TWISTED], ids=["ashikhmin_shirley", "twisted"])
 def test_renders_with_finite_gradients(llvm, text):
     material = Material(enhance(models.from_expression(text), ()), {"rho_d": 0.3})
-    s = ball({**material.to_dict(), "id": "m"}, integrator={"type": "prb", "max_depth": 3})
-    p = mi.traverse(s)
-    keys = [k for k in p.keys() if k.rsplit(".", 1)[-1] in material.params]
-    assert len(keys) == len(material.params)
-    for key in keys:
-        dr.enable_grad(p[key])
-    p.update()
-    image = mi.render(s, p, spp=16)
+    image, p, keys = render_attached(material)
     dr.backward(dr.mean(dr.square(image), axis=None))
     assert np.isfinite(np.array(image)).all() and np.array(image).max() > 0.01
     for key in keys:

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import twin
-from plugin_scenes import ball
+from plugin_scenes import ball, render_attached
 
 from mi_enhance import data, enhance, models, parameters
 from mi_enhance.data.sampling import sample_pairs
@@ -239,14 +239,7 @@ def test_renders_with_finite_gradients(llvm, name):
     material = Material(
         enhance(name, ()), given(materials(models.get(name), 1, seed=8, usual={**USUAL, "B": (3, 100)}))
     )
-    s = ball({**material.to_dict(), "id": "m"}, integrator={"type": "prb", "max_depth": 3})
-    p = mi.traverse(s)
-    keys = [k for k in p.keys() if k.rsplit(".", 1)[-1] in material.params]
-    assert len(keys) == len(material.params)
-    for key in keys:
-        dr.enable_grad(p[key])
-    p.update()
-    image = mi.render(s, p, spp=16)
+    image, p, keys = render_attached(material)
     assert np.isfinite(np.array(image)).all() and np.array(image).max() > 0.01
     dr.backward(dr.mean(dr.square(image), axis=None))
     for key in keys:

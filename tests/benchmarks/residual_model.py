@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import features, models, nn
+from mi_enhance import features, models, nn, parameters
 from mi_enhance.enhance import EnhancedBRDF
 from mi_enhance.graph import Node
 
@@ -29,7 +29,7 @@ class Residual(EnhancedBRDF):
 def with_residual(name: str, hidden, *, n_latent: int, inputs: str = "shape", seed: int = 0) -> Residual:
     """The model `name` plus a residual network that is 0 at first."""
     model = models.get(name)
-    colours = [p.name for p in model.parameters if p.is_colour]
+    colours = sorted(parameters.colours(model.parameters))
     names = ("cos_theta_i", "cos_theta_o", *colours)  # a term that reads a colour may return one
     r = Node("R", lambda **_: 0.0, inputs=names)
     graph = Node("f+R", lambda a, b: dr.maximum(a + b, 0), (model.graph, r), "+")

@@ -21,7 +21,7 @@ import mitsuba as mi
 import nbrdf_training
 import numpy as np
 
-from mi_enhance import Material, fit, models, nn, parameters
+from mi_enhance import Material, fit, models, nn
 from mi_enhance._files import network_file
 from mi_enhance.data import Measurements, nbrdf, nps
 from mi_enhance.data._io import replacing
@@ -176,9 +176,9 @@ def evaluate(material: Material, wi, wo) -> np.ndarray:
 
 
 def _lanes(material: Material) -> dict:
-    values = [mi.Float(float(v)) for v in material.vector()]
-    dr.make_opaque(values)
-    return parameters.unflatten(material.brdf.parameters, values)
+    params = material.lanes()
+    dr.make_opaque(params)
+    return params
 
 
 def _nbrdf(network: dict, seconds: float | None, highest: float) -> Fitted:

@@ -17,7 +17,7 @@ import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import Material, parameters, sampling
+from mi_enhance import Material, sampling
 from mi_enhance.data.sampling import rusinkiewicz_to_directions
 
 _SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d
@@ -71,10 +71,9 @@ def bsdf(table: np.ndarray, lobe: Material) -> mi.BSDF:
     # phi_d closes on itself: one cell more on either side, and no wrapping for the others
     padded = mi.TensorXf(np.concatenate([table[:, :, -1:], table, table[:, :, :1]], 2))
     texture = mi.Texture3f(padded, wrap_mode=dr.WrapMode.Clamp)
-    values = [mi.Float(float(v)) for v in lobe.vector()]
-    shares = sampling.shares(parameters.unflatten(lobe.brdf.parameters, values), lobe.lobe_albedo)
-    dr.make_opaque(values, shares)
-    params = parameters.unflatten(lobe.brdf.parameters, values)
+    params = lobe.lanes()
+    shares = sampling.shares(params, lobe.lobe_albedo)
+    dr.make_opaque(params, shares)
 
     class Tabulated(mi.BSDF):
         def __init__(self):
