@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -217,12 +218,14 @@ def test_a_killed_process_loses_nothing(llvm, tmp_path):
         return [sys.executable, "-m", "mi_enhance", "search", "ggx", "--data", str(tmp_path / "*.npz"), "-o", str(out),
                 "--variant", "llvm_ad_rgb", "--json", *defines]  # fmt: skip
 
+    begun = time.perf_counter()
     subprocess.run(command("whole"), check=True, capture_output=True)
+    whole = time.perf_counter() - begun  # of which the start of the process is the most: kills come around its middle
     rng, kills = np.random.default_rng(0), 0
     while True:
         process = subprocess.Popen(command("killed"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         try:
-            assert process.wait(timeout=rng.uniform(2.5, 5) + kills / 2) == 0, process.stderr.read()
+            assert process.wait(timeout=whole * (rng.uniform(0.4, 0.8) + kills / 10)) == 0, process.stderr.read()
             break
         except subprocess.TimeoutExpired:
             os.kill(process.pid, signal.SIGKILL)
