@@ -9,11 +9,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import gc
-import hashlib
 import json
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import drjit as dr
@@ -21,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import alternatives, models, nn, parameters, state
-from .data._io import replacing
+from .data._io import digest, replacing
 from .data.training import TrainingSet
 from .enhance import EnhancedBRDF, enhance
 from .imitate import imitate
@@ -52,8 +51,9 @@ def train_candidate(folder: str, stage: int, digits: state.State, parent: state.
     Returns
     -------
     dict
-        ``digits``, ``stage``, ``loss`` (eq. 1 on the samples kept aside, mean over materials; infinite if the training
-        diverged), ``training`` (mean of the last tenth of its steps), ``cost``, ``seconds`` of the steps.
+        ``digits``, ``stage``, ``change`` to the parent in words, ``equation``, ``loss`` (eq. 1 on the samples kept
+        aside, mean over materials; infinite if the training diverged), ``training`` (mean of the last tenth of its
+        steps), ``cost``, ``seconds`` of the steps.
     """
     with _lock:
         mi.set_variant(variant)
@@ -77,29 +77,41 @@ def _train(folder: Path, stage: int, digits: state.State, parent: state.State) -
     setup = Setup.of(folder)
     samples, aside = setup.samples
     brdf, start = inherit(setup, folder, stage, digits, parent)
-    steps = setup.steps
-    config = {**setup.settings, "steps": steps, "seed": setup.settings["seed"] + stage}
+    config = {**setup.settings, "steps": setup.steps, "seed": setup.settings["seed"] + stage}
     trainer = Trainer(brdf, samples, config, start)
-    if checkpoint.exists():
-        trainer.resume(checkpoint)
-    begun, losses = time.perf_counter(), []
-    every = max(1, steps // _SAVES)
-    while trainer.step < steps:
-        losses.append(trainer.advance().mean())
-        if trainer.step % every == 0 or trainer.step == steps:
-            trainer.save(checkpoint)
-            _write(own / "progress.json", {"step": trainer.step, "loss": float(np.mean(losses[-every:]))})
+
+    def report(losses):
+        every = max(1, setup.steps // _SAVES)
+        _write(own / "progress.json", {"step": trainer.step, "loss": float(np.mean(losses[-every:]))})
+
+    begun = time.perf_counter()
+    losses = run(trainer, checkpoint, report)
     seconds = time.perf_counter() - begun
     result = {
         "digits": list(digits),
         "stage": stage,
+        "change": state.change(parent, digits, setup.choices),
+        "equation": str(brdf),
         "loss": judge(trainer.result(), trainer.parameters(), aside),
-        "training": float(np.mean(losses[-max(1, steps // 10) :])) if losses else None,
+        "training": float(np.mean(losses[-max(1, setup.steps // 10) :])) if losses else None,
         "cost": cost(trainer.result(), trainer.parameters(), setup.settings["cost"]),
         "seconds": round(seconds, 2),
     }
     _write(file, result)
     return result
+
+
+def run(trainer: Trainer, checkpoint: Path, report: Callable) -> list[float]:
+    """Train to the last step, or go on from `checkpoint`; ``report(losses)`` whenever that has been written."""
+    if checkpoint.exists():
+        trainer.resume(checkpoint)
+    steps, losses = trainer.config["steps"], []
+    while trainer.step < steps:
+        losses.append(trainer.advance().mean())
+        if trainer.step % max(1, steps // _SAVES) == 0 or trainer.step == steps:
+            trainer.save(checkpoint)
+            report(losses)
+    return losses
 
 
 def model_of(settings: dict) -> models.Model:
@@ -108,14 +120,19 @@ def model_of(settings: dict) -> models.Model:
     return models.from_expression(text) if "\n" in text else models.registered(text)
 
 
+def choices_of(settings: dict) -> dict[str, tuple[state.Choice, ...]]:
+    """What may stand in every slot, by the settings of a search."""
+    names = ("modules", "alternatives", "fixed", "nodes_only")
+    return state.choices(model_of(settings), **{name: settings[name] for name in names})
+
+
 class Setup:
     """What all candidates of a search share, read once per process: settings, model, choices, samples."""
 
     def __init__(self, folder: Path):
         self.settings = json.loads((folder / "search.json").read_text())
         self.model = model_of(self.settings)
-        names = ("modules", "alternatives", "fixed", "nodes_only")
-        self.choices = state.choices(self.model, **{name: self.settings[name] for name in names})
+        self.choices = choices_of(self.settings)
         self.build = {name: self.settings[name] for name in ("inputs", "modulated", "n_latent", "seed")}
         self.samples = TrainingSet.read(folder / "samples.npz").split(self.settings["n_samples"])
         self.steps = max(1, round(self.settings["epochs"] * self.settings["n_samples"] / self.settings["batch"]))
@@ -179,7 +196,7 @@ def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -
     """A network that has learned the term or operator in `slot`, kept on disk beside the folders of all searches."""
     steps, seed = setup.settings["imitation_steps"], setup.settings["seed"]
     key = json.dumps([1, str(setup.model), setup.model.name, slot, hidden, steps, setup.build], sort_keys=True)
-    file = folder.parent / "cache" / f"imitation-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
+    file = folder.parent / "cache" / f"imitation-{digest(key.encode())}.npz"
     alone = enhance(setup.model, {slot: hidden}, **setup.build)
     if not file.exists():
         taught = imitate(alone, steps=steps, seed=seed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 
 from .data._io import replacing
@@ -79,6 +81,27 @@ def draw(truth, candidates, path, *, title=None):
         figure.savefig(temporary)
 
 
+@contextlib.contextmanager
+def sheet(path, size, dpi):
+    """Yield a figure that is written as PNG when the block ends: `size` in inches, axes laid out to fit.
+
+    It has its own Agg canvas: pyplot, and so the user's backend, is never touched.
+
+    Examples
+    --------
+    >>> with sheet("plot.png", (8, 5), 100) as figure:  # doctest: +SKIP
+    ...     figure.add_subplot().plot([1, 2])
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=dpi, layout="constrained")
+    FigureCanvasAgg(figure)
+    yield figure
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
 def draw_curve(records, path):
     """Draw the losses of a training over its steps: solid for what it trains on, dashed for validation.
 
@@ -87,24 +110,18 @@ def draw_curve(records, path):
     records : list of dict
         Each with ``step``, ``seconds``, and losses under any other key.
     path : str or Path
-        ``.png`` or another format matplotlib writes.
+        PNG.
 
     Examples
     --------
     >>> draw_curve([{"step": 1, "loss": 0.02}, {"step": 2, "loss": 0.01}], "curve.png")  # doctest: +SKIP
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 5), dpi=90, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for key in dict.fromkeys(key for r in records for key in r if key not in ("step", "seconds")):
-        rows = [(r["step"], r[key]) for r in records if key in r]
-        style = {"ls": "--", "marker": "o", "ms": 3} if key.startswith("validation") else {"ls": "-"}
-        axes.plot(*zip(*rows, strict=True), label=key, lw=2.5 if key == "loss" else 1, **style)
-    axes.set(xlabel="step", ylabel="log-L1", yscale="log")
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))  # beside the curves, which fill the axes
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
+    with sheet(path, (10, 5), 90) as figure:
+        axes = figure.add_subplot()
+        for key in dict.fromkeys(key for r in records for key in r if key not in ("step", "seconds")):
+            rows = [(r["step"], r[key]) for r in records if key in r]
+            style = {"ls": "--", "marker": "o", "ms": 3} if key.startswith("validation") else {"ls": "-"}
+            axes.plot(*zip(*rows, strict=True), label=key, lw=2.5 if key == "loss" else 1, **style)
+        axes.set(xlabel="step", ylabel="log-L1", yscale="log")
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))  # beside the curves, which fill the axes

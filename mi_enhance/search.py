@@ -8,7 +8,6 @@ executor runs them, see :mod:`mi_enhance.candidate`. Everything is kept in a fol
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -20,7 +19,7 @@ import numpy as np
 
 from . import candidate, models, state
 from .data import Measurements
-from .data._io import replacing
+from .data._io import digest, replacing
 from .data.training import TrainingSet, build, gather
 from .enhance import EnhancedBRDF
 from .features import INPUTS
@@ -204,22 +203,17 @@ def _checked(model: models.Model | str, settings: dict) -> dict:
 
 def _digest(materials: list) -> str:
     """A few letters that change with the materials: a search is not continued with others."""
-    digest = hashlib.sha256()
+    parts = []
     for m in materials:
-        parts = (m.name.encode(), m.wi, m.wo, m.f) if isinstance(m, Measurements) else (json.dumps(m).encode(),)
-        for part in parts:
-            digest.update(part)
-    return digest.hexdigest()[:16]
+        parts += [m.name.encode(), m.wi, m.wo, m.f] if isinstance(m, Measurements) else [json.dumps(m).encode()]
+    return digest(*parts)
 
 
 def prepare(folder: Path, settings: dict, materials: list, validation: list) -> None:
     """Write what all candidates read: settings, samples, the start state with the analytic fit of every material."""
     file = folder / "search.json"
     text = json.dumps(settings, indent=2) + "\n"
-    model = candidate.model_of(settings)
-    names = ("modules", "alternatives", "fixed", "nodes_only")
-    choices = state.choices(model, **{name: settings[name] for name in names})
-    start = (0,) * len(choices)
+    start = (0,) * len(candidate.choices_of(settings))
     if file.exists() and file.read_text() != text:
         raise ValueError(
             f'search(): "{file}" is of a search with other settings or materials. Choose another folder, or remove it.'
@@ -238,8 +232,8 @@ def prepare(folder: Path, settings: dict, materials: list, validation: list) -> 
     checkpoint = candidate.candidate_folder(folder, 0, start) / "checkpoint.npz"
     if not checkpoint.exists():
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
-        setup = candidate.Setup(folder)
-        brdf = candidate.started(setup, folder, state.build(model, start, choices, **setup.build), {})
+        setup = candidate.Setup.of(folder)
+        brdf = candidate.started(setup, folder, state.build(setup.model, start, setup.choices, **setup.build), {})
         samples, _ = setup.samples
         Trainer(brdf, samples, {**settings, "steps": 0}, analytic_start(brdf, samples)).save(checkpoint)
 
@@ -277,7 +271,8 @@ def _stage(setup: candidate.Setup, folder: Path, stages: list[dict], executor: E
             done, pending = wait(pending, timeout=1, return_when=FIRST_COMPLETED)
             results |= {futures[future]: future.result() for future in done}
             view.update()
-    rows = [_scored(results[digits], current, setup) for digits in around]
+    price = setup.settings["price"]
+    rows = [{**r, "score": r["loss"] * (1 + price * r["cost"])} for r in (results[digits] for digits in around)]
     unchanged = rows[0]
     best = min(rows, key=lambda row: row["score"])
     if not np.isfinite(best["score"]):
@@ -304,17 +299,6 @@ def _stage(setup: candidate.Setup, folder: Path, stages: list[dict], executor: E
         stage["validation"] = float(validate(brdf, unseen, start).mean())
     stage["seconds"] = round(time.perf_counter() - begun, 1)
     return stage
-
-
-def _scored(result: dict, current: state.State, setup: candidate.Setup) -> dict:
-    digits = tuple(result["digits"])
-    brdf = state.build(setup.model, digits, setup.choices, **setup.build)
-    return {
-        **result,
-        "change": state.change(current, digits, setup.choices),
-        "equation": str(brdf),
-        "score": result["loss"] * (1 + setup.settings["price"] * result["cost"]),
-    }
 
 
 def _state_of(setup: candidate.Setup, folder: Path, stage: int, digits: state.State) -> tuple[EnhancedBRDF, np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .data._io import replacing
+from .picture import sheet
 
 _SPREAD = 0.2  # colours end where a candidate is this much better or worse than the unchanged state
 
@@ -22,26 +22,20 @@ def draw_search(found, choices: Mapping[str, Sequence], path: str | Path) -> Non
     choices : dict of str to sequence
         What may stand in every slot, in the order of the formula.
     path : str or Path
-        ``.png`` or another format matplotlib writes.
+        PNG.
 
     Examples
     --------
     >>> draw_search(found, choices, "search.png")  # doctest: +SKIP
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     stages = found.stages
-    figure = Figure(figsize=(16, 2.2 + 0.5 * max(len(stages), 5)), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
-    left, middle, right = figure.subplots(1, 3, width_ratios=(max(6, len(choices)) * 0.75, 5, 5))
-    _states(left, stages, list(choices))
-    _errors(middle, stages)
     unit = "ns" if found.network.report["search"]["cost"] == "measured" else "1,000 multiply-adds"
-    _front(right, stages, found.pareto, unit)
-    figure.suptitle(" → ".join(dict.fromkeys(s["equation"] for s in stages)), fontsize=11)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
+    with sheet(path, (16, 2.2 + 0.5 * max(len(stages), 5)), 100) as figure:
+        left, middle, right = figure.subplots(1, 3, width_ratios=(max(6, len(choices)) * 0.75, 5, 5))
+        _states(left, stages, list(choices))
+        _errors(middle, stages)
+        _front(right, stages, found.pareto, unit)
+        figure.suptitle(" → ".join(dict.fromkeys(s["equation"] for s in stages)), fontsize=11)
 
 
 def _states(axes, stages: list[dict], slots: list[str]) -> None:

@@ -61,7 +61,7 @@ class LiveTable(Silent):
     def started(self, number: int, current: state.State, around: Sequence[state.State]) -> None:
         self._number, self._current, self._around = number, current, around
         self._begun = time.perf_counter()
-        self._before = self._finished_seconds()
+        self._before = self._n_finished()
         self.update()
 
     def update(self) -> None:
@@ -76,7 +76,7 @@ class LiveTable(Silent):
             f"{text}  {s['seconds']:.0f} s  {s['equation']}", markup=False, highlight=False, soft_wrap=True
         )
 
-    def _finished_seconds(self) -> int:
+    def _n_finished(self) -> int:
         return sum((self._path(d) / "result.json").exists() for d in self._around)
 
     def _path(self, digits: state.State) -> Path:
@@ -87,7 +87,7 @@ class LiveTable(Silent):
         from rich.table import Table
         from rich.text import Text
 
-        done = self._finished_seconds()
+        done = self._n_finished()
         elapsed = time.perf_counter() - self._begun
         left = ""
         if done > self._before:

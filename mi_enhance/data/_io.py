@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import tempfile
 from pathlib import Path
@@ -21,6 +22,14 @@ def require_file(path, where):
 def material_name(path):
     """Name of the material in a file that holds one; RGL appends `_rgb`, which is no part of the name."""
     return Path(path).stem.removesuffix("_rgb")
+
+
+def digest(*parts):
+    """Sixteen letters that change with the bytes or arrays given, for the name of what is kept of them."""
+    result = hashlib.sha256()
+    for part in parts:
+        result.update(part)
+    return result.hexdigest()[:16]
 
 
 @contextlib.contextmanager

@@ -18,7 +18,6 @@ What is decoded, and how many of each, is said by a list of sources (the ``data`
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from . import Measurements, load, names, nbrdf, nps
-from ._io import replacing, require_file
+from ._io import digest, replacing, require_file
 from .assorted import assorted, warp
 from .sampling import cosine_hemisphere, sample_pairs
 from .synthetic import ggx_anisotropic, two_lobes
@@ -140,7 +139,7 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
         For an unknown ``kind``; the message lists the choices.
     """
     key = json.dumps([3, sources, n_samples, seed], sort_keys=True)
-    file = Path(cache) / f"training-{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
+    file = Path(cache) / f"training-{digest(key.encode())}.npz"
     if file.exists():
         return TrainingSet.read(file)
     per_source = [_jobs(source, n_samples, seed + 1000 * k) for k, source in enumerate(sources)]

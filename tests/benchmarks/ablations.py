@@ -18,14 +18,15 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, machine
+from common import finish, folder_name, machine
 from residual_model import LARGE, SMALL, with_residual
 
 from mi_enhance import candidate, data, models
 from mi_enhance.data._io import replacing
-from mi_enhance.data.training import TrainingSet
+from mi_enhance.data.training import TrainingSet, sources_of
 from mi_enhance.fit import fit
 from mi_enhance.material import Material
+from mi_enhance.picture import sheet
 from mi_enhance.search import DEFAULTS, search
 from mi_enhance.table import write_table
 from mi_enhance.train import Trainer, analytic_start, representative, validate
@@ -87,7 +88,7 @@ def main() -> None:
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     Path(args.output).mkdir(parents=True, exist_ok=True)
-    sources, unseen = (json.loads(Path(f"mi_enhance/networks/{n}.json").read_text()) for n in ("materials", "unseen"))
+    sources, unseen = (sources_of(f"mi_enhance/networks/{name}.json") for name in ("materials", "unseen"))
     sources = [{**s, "count": round(s["count"] * args.scale)} if "count" in s else s for s in sources]
     with ProcessPoolExecutor(args.workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         run = Run(args, sources, unseen, pool)
@@ -148,16 +149,9 @@ class Run:
         samples, aside = shared.samples
         brdf = with_residual(self.args.model, RESIDUALS[name], n_latent=settings["n_latent"])
         start = analytic_start(brdf, samples, folder.with_suffix(".npy"))
-        trainer = Trainer(brdf, samples, settings, start)
         folder.mkdir(exist_ok=True)
-        checkpoint = folder / "checkpoint.npz"
-        if checkpoint.exists():
-            trainer.resume(checkpoint)
-        while trainer.step < settings["steps"]:
-            trainer.advance()
-            if trainer.step % 500 == 0 or trainer.step == settings["steps"]:
-                trainer.save(checkpoint)
-                print(name, trainer.step, flush=True)
+        trainer = Trainer(brdf, samples, settings, start)
+        candidate.run(trainer, folder / "checkpoint.npz", lambda losses: print(name, len(losses), flush=True))
         brdf, values = trainer.result(), trainer.parameters()
         unseen = TrainingSet.read(self._folder("search") / "validation.npz")
         row = {
@@ -172,7 +166,7 @@ class Run:
         return row | self._rgl(Material(brdf, {}, library=values[representative(samples.kinds)]), folder)
 
     def _folder(self, name: str) -> Path:
-        return Path(self.args.output) / "".join(c if c.isalnum() else "_" for c in f"{self.args.model} {name}")
+        return Path(self.args.output) / folder_name(f"{self.args.model} {name}")
 
     def _rgl(self, network: Material, folder: Path) -> dict:
         """Mean error of fits to measured files, kept beside the run."""
@@ -190,20 +184,14 @@ class Run:
 
 def _plot(results: list[dict], path: Path) -> None:
     """Error of unseen materials against the cost of one evaluation."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     key = "rgl" if "rgl" in results[0] else "validation"
-    figure = Figure(figsize=(9, 6), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for r in results:
-        axes.plot(r["cost"], r[key], "o", color="tab:orange" if r["row"] == "search" else "tab:blue")
-        axes.annotate(r["row"], (r["cost"], r[key]), fontsize=7, xytext=(4, 3), textcoords="offset points")
-    axes.set(xlabel="1,000 multiply-adds of one evaluation", ylabel=f"log-L1, {_COLUMNS[key][0]}", yscale="log")
-    axes.grid(alpha=0.3, which="both")
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
+    with sheet(path, (9, 6), 100) as figure:
+        axes = figure.add_subplot()
+        for r in results:
+            axes.plot(r["cost"], r[key], "o", color="tab:orange" if r["row"] == "search" else "tab:blue")
+            axes.annotate(r["row"], (r["cost"], r[key]), fontsize=7, xytext=(4, 3), textcoords="offset points")
+        axes.set(xlabel="1,000 multiply-adds of one evaluation", ylabel=f"log-L1, {_COLUMNS[key][0]}", yscale="log")
+        axes.grid(alpha=0.3, which="both")
 
 
 if __name__ == "__main__":

@@ -56,6 +56,11 @@ def spread(seconds: list[float]) -> dict:
     return {"seconds": statistics.median(seconds), "seconds_min": min(seconds), "seconds_max": max(seconds)}
 
 
+def folder_name(label: str) -> str:
+    """The label of a run as the name of its folder."""
+    return "".join(c if c.isalnum() else "_" for c in label)
+
+
 def finish(rows: list[dict], columns: dict, *, title: str, about: dict, as_json: bool) -> None:
     """Print the table and the machine; one JSON object last if asked for."""
     from mi_enhance.table import print_table

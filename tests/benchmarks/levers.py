@@ -15,9 +15,9 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
-from common import finish, machine
+from common import finish, folder_name, machine
 
-from mi_enhance.data._io import replacing
+from mi_enhance.picture import sheet
 from mi_enhance.table import write_table
 from mi_enhance.train import train
 
@@ -92,7 +92,7 @@ def main() -> None:
 
 def _curve(name: str, args) -> list[dict]:
     """Records of one run, those that hold validation errors."""
-    folder = Path(args.output) / "".join(c if c.isalnum() else "_" for c in name)
+    folder = Path(args.output) / folder_name(name)
     print(name, flush=True)
     train({**_BASE, "steps": args.steps, **LEVERS[name]}, folder, every=(args.steps // 4, 1))
     lines = (folder / "curve.jsonl").read_text().splitlines()
@@ -101,22 +101,15 @@ def _curve(name: str, args) -> list[dict]:
 
 def _plot(curves: dict[str, list[dict]], path: Path) -> None:
     """Validation errors over training time, one panel for each set."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     keys = [key for key in _COLUMNS if key.startswith("validation")]
-    figure, axes = plt.subplots(1, len(keys), figsize=(15, 5), layout="constrained")
-    for axis, key in zip(axes, keys, strict=True):
-        for name, curve in curves.items():
-            axis.plot([r["seconds"] for r in curve], [r[key] for r in curve], "o-", ms=3, label=name)
-        axis.set(title=_COLUMNS[key][0], xlabel="training time, s", ylabel="log-L1", yscale="log")
-        axis.grid(alpha=0.3, which="both")
-    axes[-1].legend(fontsize=8)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
-    plt.close(figure)
+    with sheet(path, (15, 5), 110) as figure:
+        axes = figure.subplots(1, len(keys))
+        for axis, key in zip(axes, keys, strict=True):
+            for name, curve in curves.items():
+                axis.plot([r["seconds"] for r in curve], [r[key] for r in curve], "o-", ms=3, label=name)
+            axis.set(title=_COLUMNS[key][0], xlabel="training time, s", ylabel="log-L1", yscale="log")
+            axis.grid(alpha=0.3, which="both")
+        axes[-1].legend(fontsize=8)
 
 
 if __name__ == "__main__":

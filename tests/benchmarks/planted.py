@@ -14,12 +14,13 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import drjit as dr  # isort: skip
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, machine
+from common import finish, folder_name, machine
 
-from mi_enhance import models, parameters
+from mi_enhance import models
 from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.enhance import enhance
+from mi_enhance.material import Material
 from mi_enhance.search import search
 from mi_enhance.table import write_table
 
@@ -63,8 +64,7 @@ def planted(slot: str, count: int, n_samples: int, seed: int = 0) -> list[Measur
         alpha_x, alpha_y = np.exp(rng.uniform(np.log(0.15), np.log(0.7), 2))
         values = {"n_x": 0.0, "n_y": 0.0, "t_theta": 0.0, "rho_d": rng.uniform(0, 0.1, 3), "rho_s": rng.uniform(1, 6)}
         values |= {"alpha_x": alpha_x, "alpha_y": alpha_y, "F0": rng.uniform(0.05, 0.9)}
-        vector = parameters.flatten(brdf.parameters, values)
-        params = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in vector])
+        params = Material(brdf, values).lanes()
         wi, wo = sample_pairs(n_samples, seed=rng)
         _, record, active = brdf.prepare(*(mi.Vector3f(w.T) for w in (wi, wo)), params)
         f = np.array(mi.Color3f(graph(record)) & active).T
@@ -105,7 +105,7 @@ def main() -> None:
     rows = []
     for slot in args.only or DEFECTS:
         for seed in range(args.seeds):
-            name = "".join(c if c.isalnum() else "_" for c in slot)
+            name = folder_name(slot)
             folder = Path(args.output) / f"{name}-{args.epochs:g}-{seed}"
             rows.append(first_change(slot, folder, count=args.count, seed=seed, epochs=args.epochs))
             print(rows[-1], flush=True)

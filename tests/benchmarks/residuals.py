@@ -17,9 +17,9 @@ import numpy as np
 import rivals
 
 from mi_enhance import data
-from mi_enhance.data._io import replacing
 from mi_enhance.data.sampling import directions_to_rusinkiewicz
 from mi_enhance.losses import log_l1
+from mi_enhance.picture import sheet
 
 _BINS = 45  # of 2 degrees for theta_d; those of theta_h are finer near the highlight, as MERL's
 _PERCENTILE = 98  # end of the colour scale
@@ -64,30 +64,24 @@ def residual_map(measurements: data.Measurements, f: np.ndarray) -> np.ndarray:
 
 def draw(maps: list[np.ndarray], titles: list[str], name: str, path: Path) -> None:
     """One row per model, one column per channel."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     limit = float(np.nanpercentile(np.abs(maps), _PERCENTILE))
-    figure = Figure(figsize=(9, 3 * len(maps)), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(maps), 3, squeeze=False, sharex=True, sharey=True)
-    edges = np.linspace(0, 1, _BINS + 1)
-    line = np.linspace(0, 80)
-    for row, values, title in zip(axes, maps, titles, strict=True):
-        for ax, channel, colour in zip(row, np.moveaxis(values, -1, 0), ("red", "green", "blue"), strict=True):
-            shown = ax.pcolormesh(90 * edges, 90 * edges**2, channel, cmap="RdBu_r", vmin=-limit, vmax=limit)
-            ax.set_yscale("function", functions=(lambda y: np.sqrt(np.maximum(y, 0)), np.square))
-            ax.set_yticks((0, 1, 5, 10, 20, 40, 60, 90))
-            ax.set_facecolor("0.85")
-            ax.plot(line, 80 - line, "k--", lw=0.6)
-            ax.set_title(colour, fontsize=9)
-        row[0].set_ylabel(f"{title}\ntheta_h, degrees", fontsize=9)
-    for ax in axes[-1]:
-        ax.set_xlabel("theta_d, degrees")
-    figure.colorbar(shown, ax=axes, label="log(1 + f cos): measured - model", extend="both", shrink=0.6)
-    figure.suptitle(name)
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
+    with sheet(path, (9, 3 * len(maps)), 110) as figure:
+        axes = figure.subplots(len(maps), 3, squeeze=False, sharex=True, sharey=True)
+        edges = np.linspace(0, 1, _BINS + 1)
+        line = np.linspace(0, 80)
+        for row, values, title in zip(axes, maps, titles, strict=True):
+            for ax, channel, colour in zip(row, np.moveaxis(values, -1, 0), ("red", "green", "blue"), strict=True):
+                shown = ax.pcolormesh(90 * edges, 90 * edges**2, channel, cmap="RdBu_r", vmin=-limit, vmax=limit)
+                ax.set_yscale("function", functions=(lambda y: np.sqrt(np.maximum(y, 0)), np.square))
+                ax.set_yticks((0, 1, 5, 10, 20, 40, 60, 90))
+                ax.set_facecolor("0.85")
+                ax.plot(line, 80 - line, "k--", lw=0.6)
+                ax.set_title(colour, fontsize=9)
+            row[0].set_ylabel(f"{title}\ntheta_h, degrees", fontsize=9)
+        for ax in axes[-1]:
+            ax.set_xlabel("theta_d, degrees")
+        figure.colorbar(shown, ax=axes, label="log(1 + f cos): measured - model", extend="both", shrink=0.6)
+        figure.suptitle(name)
 
 
 if __name__ == "__main__":
