@@ -170,6 +170,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scene", default="shader_ball", help="bundled scene or .xml file (default: %(default)s)")
     p.add_argument("--resolution", type=_positive, default=256, help="pixels on a side (default: %(default)s)")
     p.add_argument("--spp", type=_positive, default=256, help="samples per pixel (default: %(default)s)")
+
+    text = "error against run time of every model on this machine, as table, plot and HTML page"
+    p = add("bench", text, sampled, device)
+    p.add_argument("data", metavar="DATA", nargs="*", help="RGL .bsdf (default: the one of the demo)")
+    p.add_argument("-o", "--output", metavar="DIR", default="out/bench", help="folder (default: %(default)s)")
+    p.add_argument("--resolution", type=_positive, default=256, help="pixels on a side (default: %(default)s)")
+    p.add_argument("--spp", type=_positive, default=64, help="samples per pixel (default: %(default)s)")
+    p.add_argument("--rounds", type=_positive, default=5, help="interleaved runs (default: %(default)s)")
     return parser
 
 

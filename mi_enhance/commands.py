@@ -244,6 +244,28 @@ def compare(args: argparse.Namespace) -> dict:
     return result
 
 
+def bench(args: argparse.Namespace) -> dict:
+    _set_variant(args.variant)
+    from ._files import demo_data
+    from .report import COLUMNS, GROWTH_COLUMNS, bench
+    from .table import print_table
+
+    result = bench(
+        args.data or [demo_data("satin_rosaline_rgb.bsdf")],
+        args.output,
+        resolution=args.resolution,
+        spp=args.spp,
+        rounds=args.rounds,
+        samples=args.samples,
+        seed=args.seed,
+        log=(lambda _: None) if args.json else print,
+    )
+    print_table(result["rows"], COLUMNS, title=", ".join(result["materials"]))
+    print_table(result["growth"], GROWTH_COLUMNS, title="how the time of a frame grows")
+    print(f"{result['files']['html']}\n" + ", ".join(f"{k} {v}" for k, v in result["machine"].items()))
+    return result
+
+
 def _set_variant(name: str | None):
     """Activate the variant asked for, else the first one that works here, and return Mitsuba."""
     import mitsuba as mi

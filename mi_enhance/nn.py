@@ -113,7 +113,7 @@ def unflatten(networks: dict[str, MLP], flat: np.ndarray) -> dict[str, MLP]:
     return result
 
 
-def _affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
+def affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
     """W x + b with the entries of `w` written as literals into the trace."""
     out = []
     for row, z in zip(w.tolist(), b, strict=True):
@@ -165,10 +165,10 @@ class _BakedOp(dr.CustomOp):
 
     def eval(self, layers, x, bias):
         self.layers, self.hidden = layers, []
-        z = _affine(layers[0][0], x, bias)
+        z = affine(layers[0][0], x, bias)
         for w, b in layers[1:]:
             self.hidden.append(z)
-            z = _affine(w, [_leaky(v) for v in z], b.tolist())
+            z = affine(w, [_leaky(v) for v in z], b.tolist())
         return z
 
     def _slopes(self):
@@ -177,9 +177,9 @@ class _BakedOp(dr.CustomOp):
     def backward(self):
         dz = list(self.grad_out())
         for (w, _), slopes in zip(self.layers[:0:-1], self._slopes()[::-1], strict=True):
-            dz = [g * s for g, s in zip(_affine(w.T, dz, [0.0] * w.shape[1]), slopes, strict=True)]
+            dz = [g * s for g, s in zip(affine(w.T, dz, [0.0] * w.shape[1]), slopes, strict=True)]
         w = self.layers[0][0]
-        dx = _affine(w.T, dz, [0.0] * w.shape[1])
+        dx = affine(w.T, dz, [0.0] * w.shape[1])
         if not dr.flag(dr.JitFlag.SymbolicScope):
             # A bias shared by many lanes is summed next, entry by entry: evaluate once instead of once per entry.
             dr.eval(dz, dx)
@@ -187,9 +187,9 @@ class _BakedOp(dr.CustomOp):
         self.set_grad_in("x", dx)
 
     def forward(self):
-        dz = _affine(self.layers[0][0], self.grad_in("x"), self.grad_in("bias"))
+        dz = affine(self.layers[0][0], self.grad_in("x"), self.grad_in("bias"))
         for (w, _), slopes in zip(self.layers[1:], self._slopes(), strict=True):
-            dz = _affine(w, [g * s for g, s in zip(dz, slopes, strict=True)], [0.0] * len(w))
+            dz = affine(w, [g * s for g, s in zip(dz, slopes, strict=True)], [0.0] * len(w))
         self.set_grad_out(dz)
 
     def name(self):
@@ -211,7 +211,7 @@ class Baked:
 
     def fold(self, features: Sequence) -> list[mi.Float]:
         """What the inputs that are constant over a material become: first bias, weights of a modulated last layer."""
-        return [v for w, b in self._fold for v in _affine(w, features, b.tolist())]
+        return [v for w, b in self._fold for v in affine(w, features, b.tolist())]
 
     def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
         """Output of the network for varying inputs `x` and what :meth:`fold` returned."""

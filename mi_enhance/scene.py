@@ -6,6 +6,7 @@ same scene, the parsed XML gets a ready BSDF instead of the node with ``id="mate
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import mitsuba as mi
@@ -91,6 +92,62 @@ def shader_ball(bsdf, *, resolution=256, spp=64):
     32
     """
     return load("shader_ball", bsdf, resolution=resolution, spp=spp)
+
+
+def spheres(bsdfs, *, resolution=256, spp=64, max_depth=6):
+    """Load a scene of spheres side by side in the room of ``"sphere_envmap"``, each with a material of its own.
+
+    Parameters
+    ----------
+    bsdfs : list of dict or mi.BSDF
+        One for each sphere.
+    resolution, spp, max_depth : int
+        As for :func:`load`.
+
+    Returns
+    -------
+    mi.Scene
+
+    Examples
+    --------
+    >>> two = spheres([{"type": "diffuse"}, {"type": "roughconductor"}], resolution=16, spp=4)
+    >>> len(two.shapes())
+    3
+    """
+    columns = math.ceil(math.sqrt(len(bsdfs)))
+    rows = math.ceil(len(bsdfs) / columns)
+    scale = mi.ScalarTransform4f
+    balls = {
+        f"ball_{k}": {
+            "type": "sphere",
+            "center": [2.3 * (k % columns - (columns - 1) / 2), 1, -2.3 * (k // columns)],
+            "bsdf": bsdf,
+        }
+        for k, bsdf in enumerate(bsdfs)
+    }
+    middle = [0, 0.6, -2.3 * (rows - 1) / 2]
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": max_depth},
+            "sensor": {
+                "type": "perspective",
+                "fov": 40,
+                "to_world": scale().look_at(
+                    origin=[0, 2.4 + 1.8 * rows, 2.5 + 2.2 * columns], target=middle, up=[0, 1, 0]
+                ),
+                "sampler": {"type": "independent", "sample_count": spp},
+                "film": {"type": "hdrfilm", "width": resolution, "height": resolution, "rfilter": {"type": "box"}},
+            },
+            "ground": {
+                "type": "disk",
+                "to_world": scale().translate([0, 0, middle[2]]).rotate([1, 0, 0], -90).scale(8 + 3 * columns),
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.3}},
+            },
+            "light": {"type": "envmap", "filename": str(scene_file("envmaps/apartment.exr"))},
+            **balls,
+        }
+    )
 
 
 def _path(scene, where):

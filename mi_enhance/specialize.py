@@ -41,7 +41,12 @@ _MIN_SPREAD = 5e-3
 
 
 def specialize(
-    material: Material, measurements: Measurements | None = None, *, max_error: float = 1e-3, seed: int = 0
+    material: Material,
+    measurements: Measurements | None = None,
+    *,
+    max_error: float = 1e-3,
+    size: int | None = None,
+    seed: int = 0,
 ) -> Material:
     """The same material with a small network of its own, several times cheaper to render.
 
@@ -56,6 +61,9 @@ def specialize(
         Largest mean absolute difference of log(1 + f cos) to the exact material, over random pairs of directions
         (:func:`mi_enhance.data.sampling.sample_pairs`); with measurements the most by which the error against them may
         grow, over those of them that were not learned.
+    size : int, optional
+        Hidden units of both layers, in place of the cheapest of `SIZES` that is good enough: for curves of error over
+        run time. `max_error` then decides nothing.
     seed : int
         Of directions and first weights.
 
@@ -71,7 +79,8 @@ def specialize(
     Raises
     ------
     ValueError
-        If there is no network to be made cheaper, one sees colours, or `max_error` is not above 0.
+        If there is no network to be made cheaper, one sees colours, `max_error` is not above 0, or `size` is not in 1
+        to 64.
     RuntimeError
         If no RGB variant with gradients is active.
 
@@ -83,6 +92,8 @@ def specialize(
     """
     if not max_error > 0:
         raise ValueError(f"specialize(): max_error must be above 0; got {max_error}.")
+    if size is not None and not 1 <= size <= 64:  # 64: 30 times the multiply-adds of the largest of SIZES
+        raise ValueError(f"specialize(): size must be in 1 to 64 hidden units; got {size}.")
     require_rgb("specialize()")
     start = time.perf_counter()
     material = material.exact
@@ -91,11 +102,12 @@ def specialize(
     validation = _Problem(material, slots, *sample_pairs(_VALIDATION, seed=seed + 2))
     learned, held_out = _measured(material, slots, measurements, seed) if measurements else (None, None)
     chosen = False
-    for larger, size in zip(range(len(SIZES) - 1, -1, -1), SIZES, strict=True):
-        compact = (_learn(training, learned, size, np.random.default_rng(seed)),)
+    sizes = (size,) if size else SIZES
+    for larger, units in zip(range(len(sizes) - 1, -1, -1), sizes, strict=True):
+        compact = (_learn(training, learned, units, np.random.default_rng(seed)),)
         error = validation.error(compact)
         grown = held_out.error(compact) - held_out.error() if held_out else error
-        chosen = grown <= max_error
+        chosen = size is not None or grown <= max_error
         if chosen or grown > max_error * _AT_BEST**larger:
             break
     network = "-".join(map(str, compact[0].sizes))
@@ -117,13 +129,13 @@ def specialize(
     return dataclasses.replace(material, brdf=brdf, report={**material.report, **report})
 
 
-def _learn(training: _Problem, learned: _Problem | None, size: int, rng: np.random.Generator) -> Compact:
-    """A network with two layers of `size` hidden units."""
+def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.random.Generator) -> Compact:
+    """A network with two layers of `units` hidden units."""
     spread = {name: v.std() for name, v in training.features.items()}
     inputs = tuple(name for name in _INPUTS if spread.get(name, 0) > _MIN_SPREAD)
     x = training.columns(inputs)
     mean, std = x.mean(0), x.std(0)
-    x, sizes = (x - mean) / std, (len(inputs), size, size, len(training.slots))
+    x, sizes = (x - mean) / std, (len(inputs), units, units, len(training.slots))
     trials = []
     for _ in range(_STARTS):
         layers = distil.first(sizes, np.median(training.logs, 0), rng)

@@ -43,11 +43,11 @@ def print_table(rows, columns=None, *, title=None):
     from rich.console import Console
     from rich.table import Table
 
-    headers, cells = _cells(rows, columns)
+    headers, lines = cells(rows, columns)
     table = Table(title=title, title_justify="left", box=box.SIMPLE)
     for header, is_number in zip(headers, _numeric(rows, columns), strict=True):
         table.add_column(header, justify="right" if is_number else "left", no_wrap=True)
-    for line in cells:
+    for line in lines:
         table.add_row(*line)
     # Rich shortens cells to fit 80 columns, also into a pipe; a number cut off is worse than a wrapped line.
     console = Console()
@@ -67,10 +67,10 @@ def markdown(rows, columns=None):
     | GGX | 0.9812 |
     | enhanced | – |
     """
-    headers, cells = _cells(rows, columns)
+    headers, lines = cells(rows, columns)
     rule = ["---:" if is_number else "---" for is_number in _numeric(rows, columns)]
-    lines = [f"| {' | '.join(headers)} |", f"|{'|'.join(rule)}|"]
-    return "\n".join(lines + [f"| {' | '.join(line)} |" for line in cells])
+    table = [headers, rule, *lines]
+    return "\n".join(f"|{'|'.join(line)}|" if line is rule else f"| {' | '.join(line)} |" for line in table)
 
 
 def write_table(rows, stem, columns=None):
@@ -104,12 +104,13 @@ def write_table(rows, stem, columns=None):
     return paths
 
 
-def _cells(rows, columns):
+def cells(rows, columns):
+    """Return the headers, and the cells of each row as text; see `print_table`."""
     columns = _present(rows, columns)
-    cells = [
+    lines = [
         ["–" if row.get(key) is None else format(row[key], form) for key, (_, form) in columns.items()] for row in rows
     ]
-    return [header for header, _ in columns.values()], cells
+    return [header for header, _ in columns.values()], lines
 
 
 def _numeric(rows, columns):

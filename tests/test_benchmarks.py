@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from mi_enhance import Material, data
+from mi_enhance import rivals as models_of_others
 from mi_enhance.data import nbrdf, rgl, sampling, synthetic
 from mi_enhance.losses import log_l1
 
@@ -20,7 +21,6 @@ sys.path.append(str(ROOT / "tests/benchmarks"))  # scripts, not a package
 
 import accuracy  # noqa: E402
 import generalisation  # noqa: E402
-import nbrdf_training  # noqa: E402
 import rivals  # noqa: E402
 import structure_floor  # noqa: E402
 import tabulated  # noqa: E402
@@ -35,7 +35,7 @@ def paint(n, seed=0):
 
 
 def test_nbrdf_training_generalises_from_a_few_thousand_samples():
-    network, _ = nbrdf_training.train(paint(4000), epochs=1, min_steps=1500)
+    network, _ = models_of_others.train_nbrdf(paint(4000), epochs=1, min_steps=1500)
     unseen = paint(2000, seed=1)
     loss = log_l1(nbrdf.decode(network, unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
     constant = log_l1(np.tile(np.median(unseen.f, 0), (2000, 1)), unseen.f, unseen.wo[:, 2])
@@ -44,16 +44,16 @@ def test_nbrdf_training_generalises_from_a_few_thousand_samples():
 
 def test_nbrdf_gradient_by_differences():
     m = paint(64)
-    x, cos, truth = nbrdf_training.features(m.wi, m.wo), m.wo[:, 2:], np.log1p(m.f * m.wo[:, 2:])
-    _, gradient = nbrdf_training._views()
+    x, cos, truth = models_of_others.nbrdf_features(m.wi, m.wo), m.wo[:, 2:], np.log1p(m.f * m.wo[:, 2:])
+    _, gradient = models_of_others._views()
     rng = np.random.default_rng(2)
-    w = {name: rng.normal(0, 0.3, shape) for name, shape in nbrdf_training._SHAPES.items()}  # float64: small steps
+    w = {name: rng.normal(0, 0.3, shape) for name, shape in models_of_others._SHAPES.items()}  # float64: small steps
 
     def loss():
         a = np.maximum(np.maximum(x @ w["W1"] + w["b1"], 0) @ w["W2"] + w["b2"], 0) @ w["W3"] + w["b3"]
         return np.abs(np.log(np.maximum(1 + (np.exp(a) - 1) * cos, 1e-6)) - truth).mean()
 
-    nbrdf_training._backward(w, gradient, x, cos, truth)
+    models_of_others._backward(w, gradient, x, cos, truth)
     for name, index in (("W1", (2, 3)), ("b1", (5,)), ("W2", (4, 7)), ("b2", (1,)), ("W3", (6, 2)), ("b3", (0,))):
         before = w[name][index]
         w[name][index] = before + 1e-6
@@ -67,14 +67,14 @@ def test_nbrdf_gradient_by_differences():
 
 def test_fits_are_kept_and_not_mixed_up(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        nbrdf_training.train, "__kwdefaults__", {"epochs": 1, "learning_rate": 1e-2, "min_steps": 10, "seed": 0}
+        models_of_others.train_nbrdf, "__kwdefaults__", {"epochs": 1, "learning_rate": 1e-2, "min_steps": 10, "seed": 0}
     )
     rival = rivals.nbrdf_trained(0)
     m = paint(600)
     first = rival.fit(m, tmp_path).evaluate(m.wi, m.wo)
     assert rival.stem(m, tmp_path) != rival.stem(paint(600, seed=1), tmp_path)
     assert rival.stem(m, tmp_path) != rivals.nbrdf_trained(1).stem(m, tmp_path)
-    monkeypatch.setattr(nbrdf_training, "train", None)  # a second fit would fail
+    monkeypatch.setattr(models_of_others, "train_nbrdf", None)  # a second fit would fail
     assert (rival.fit(m, tmp_path).evaluate(m.wi, m.wo) == first).all()
     assert first.max() <= m.f.max()
 

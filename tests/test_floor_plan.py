@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # A file may import only files of lower floors. `data` and `bsdfs` are one entry each; what they do inside is their own.
 FLOORS = [
-    ["_files", "_llvm", "geometry", "graph", "nn", "losses", "parameters", "expression"],
+    ["_files", "_llvm", "geometry", "graph", "nn", "losses", "parameters", "expression", "timing"],
     ["terms", "model_file", "metrics", "data", "scene"],
     ["models", "picture", "table"],
     ["features", "alternatives"],
@@ -21,7 +21,9 @@ FLOORS = [
     ["distil", "prune", "prior", "imitate", "normalise", "bsdfs"],
     ["fit"],
     ["specialize"],
-    ["train", "inverse", "report", "compare", "doctor"],
+    ["train", "inverse", "compare", "doctor", "rivals"],
+    ["contenders", "report_page", "workers"],
+    ["report"],
     ["candidate"],
     ["search_view", "search_picture"],
     ["search"],

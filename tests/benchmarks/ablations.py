@@ -18,7 +18,7 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, folder_name, machine
+from common import finish, folder_name
 from residual_model import LARGE, SMALL, with_residual
 
 from mi_enhance import candidate, data, models
@@ -29,6 +29,7 @@ from mi_enhance.material import Material
 from mi_enhance.picture import sheet
 from mi_enhance.search import DEFAULTS, search
 from mi_enhance.table import write_table
+from mi_enhance.timing import machine
 from mi_enhance.train import Trainer, analytic_start, representative, validate
 
 PAPER = ("F", "F*G", "G", "1/E")

@@ -29,13 +29,14 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 import rivals
 import tabulated
-from common import finish, machine
+from common import finish
 
 from mi_enhance import data, metrics, picture, scene
 from mi_enhance.data import rgl
 from mi_enhance.data._io import material_name, replacing
 from mi_enhance.losses import log_l1
 from mi_enhance.table import print_table, write_table
+from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _MAX_ANGLE = 80  # degrees

@@ -18,7 +18,9 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
-from common import clock, finish, machine
+from common import finish
+
+from mi_enhance.timing import clock, machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _COLUMNS = {

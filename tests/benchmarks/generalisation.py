@@ -23,7 +23,7 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 import rivals
 from accuracy import errors
-from common import finish, machine
+from common import finish
 
 from mi_enhance import data
 from mi_enhance.data import rgl, synthetic
@@ -31,6 +31,7 @@ from mi_enhance.data._io import material_name
 from mi_enhance.data.sampling import rusinkiewicz_to_directions
 from mi_enhance.losses import log_l1
 from mi_enhance.table import print_table, write_table
+from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _KINDS = (synthetic.ward_anisotropic, synthetic.beckmann_mixture)

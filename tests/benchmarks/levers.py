@@ -15,10 +15,11 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
-from common import finish, folder_name, machine
+from common import finish, folder_name
 
 from mi_enhance.picture import sheet
 from mi_enhance.table import write_table
+from mi_enhance.timing import machine
 from mi_enhance.train import train
 
 _MERL = {"kind": "nps", "path": "data/nps/merl.npz"}  # from the root of the repository, as the shipped settings have it

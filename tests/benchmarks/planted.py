@@ -14,7 +14,7 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import drjit as dr  # isort: skip
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, folder_name, machine
+from common import finish, folder_name
 
 from mi_enhance import models
 from mi_enhance.data import Measurements
@@ -23,6 +23,7 @@ from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
 from mi_enhance.search import search
 from mi_enhance.table import write_table
+from mi_enhance.timing import machine
 
 _GRAPH = models.ggx().graph
 

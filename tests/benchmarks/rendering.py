@@ -19,12 +19,13 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
-from common import clock, finish, interleaved, machine, spread
+from common import finish
 
 from mi_enhance import Material
 from mi_enhance import scene as scenes
 from mi_enhance._files import demo_data
 from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.timing import clock, interleaved, machine, spread
 
 _LANES = 1 << 20
 _REFERENCE = "GGX in Python"

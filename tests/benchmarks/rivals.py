@@ -18,10 +18,10 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import drjit as dr  # isort: skip
 import mitsuba as mi
-import nbrdf_training
 import numpy as np
 
 from mi_enhance import Material, fit, models, nn
+from mi_enhance import rivals as models_of_others
 from mi_enhance._files import network_file
 from mi_enhance.data import Measurements, nbrdf, nps
 from mi_enhance.data._io import replacing
@@ -104,7 +104,7 @@ def nbrdf_trained(seed: int) -> Rival:
     def run(measurements, stem):
         path = stem.with_suffix(".npz")
         if not path.exists():
-            network, seconds = nbrdf_training.train(measurements, seed=seed)
+            network, seconds = models_of_others.train_nbrdf(measurements, seed=seed)
             arrays = {key: w[None] for key, w in network.items()}  # a file that mi_enhance.data reads
             with replacing(path) as temporary:
                 np.savez(temporary, names=np.array([measurements.name]), seconds=seconds, **arrays)
@@ -112,7 +112,7 @@ def nbrdf_trained(seed: int) -> Rival:
             network = {key: stored[key][0] for key in stored if key[0] in "Wb"}
             return _nbrdf(network, float(stored["seconds"]), measurements.f.max())
 
-    return Rival("NBRDF trained", ["nbrdf trained", nbrdf_training.train.__kwdefaults__, seed], run)
+    return Rival("NBRDF trained", ["nbrdf trained", models_of_others.train_nbrdf.__kwdefaults__, seed], run)
 
 
 def nbrdf_authors(path) -> Rival:

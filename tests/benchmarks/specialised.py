@@ -15,11 +15,12 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, interleaved, machine, spread
+from common import finish
 
 from mi_enhance import Material, data, fit, scene, specialize
 from mi_enhance.losses import log_l1
 from mi_enhance.table import write_table
+from mi_enhance.timing import interleaved, machine, spread
 
 _ROOT = Path(__file__).resolve().parents[2]
 _MATERIALS = ("gold-metallic-paint", "blue-metallic-paint", "red-fabric", "pink-plastic", "nickel", "alum-bronze")

@@ -23,11 +23,12 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, machine
+from common import finish
 from scipy.optimize import minimize
 
 from mi_enhance import Material, data, fit
 from mi_enhance.data.training import HELD_OUT_EVERY
+from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _SUBSET = 1500  # samples that the colours are found on; the floor is that of all

@@ -16,8 +16,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
+from mi_enhance.bsdfs.function import of_function
 
-from mi_enhance import Material, sampling
+from mi_enhance import Material
 from mi_enhance.data.sampling import rusinkiewicz_to_directions
 
 _SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d
@@ -71,38 +72,11 @@ def bsdf(table: np.ndarray, lobe: Material) -> mi.BSDF:
     # phi_d closes on itself: one cell more on either side, and no wrapping for the others
     padded = mi.TensorXf(np.concatenate([table[:, :, -1:], table, table[:, :, :1]], 2))
     texture = mi.Texture3f(padded, wrap_mode=dr.WrapMode.Clamp)
-    params = lobe.lanes()
-    shares = sampling.shares(params, lobe.lobe_albedo)
-    dr.make_opaque(params, shares)
 
-    class Tabulated(mi.BSDF):
-        def __init__(self):
-            super().__init__(mi.Properties("tabulated"))
-            self.m_components = [mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide]
-            self.m_flags = self.m_components[0]
+    def f(wi, wo):
+        return mi.Color3f([dr.exp(v) - 1 for v in texture.eval(_position(wi, wo))])
 
-        def eval(self, ctx, si, wo, active=True):
-            active = mi.Mask(active) & (si.wi.z > 0) & (wo.z > 0)
-            value = [dr.exp(v) - 1 for v in texture.eval(_position(si.wi, wo))]
-            return dr.select(active, mi.Color3f(value) * wo.z, 0)
-
-        def pdf(self, ctx, si, wo, active=True):
-            return dr.select(active, sampling.pdf(si.wi, wo, params, shares), 0)
-
-        def eval_pdf(self, ctx, si, wo, active=True):
-            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
-
-        def sample(self, ctx, si, sample1, sample2, active=True):
-            bs = mi.BSDFSample3f()
-            bs.wo = sampling.sample(si.wi, params, shares, sample1, sample2)
-            bs.pdf = self.pdf(ctx, si, bs.wo, active)
-            bs.eta = 1
-            bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))
-            bs.sampled_component = mi.UInt32(0)
-            active = mi.Mask(active) & (bs.pdf > 0)
-            return bs, dr.select(active, self.eval(ctx, si, bs.wo, active) / bs.pdf, 0)
-
-    return Tabulated()
+    return of_function(f, lobe)
 
 
 def _position(wi, wo) -> mi.Point3f:
@@ -122,10 +96,11 @@ def _position(wi, wo) -> mi.Point3f:
 
 def main() -> None:
     """Run the check of the command line."""
-    from common import finish, machine
+    from common import finish
     from rivals import evaluate
 
     from mi_enhance import metrics, scene
+    from mi_enhance.timing import machine
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--alpha", type=float, nargs="+", default=[0.05, 0.15, 0.4])

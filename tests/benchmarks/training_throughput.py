@@ -20,13 +20,14 @@ import mi_enhance  # noqa: E402, F401  (first: it finds the LLVM that Dr.Jit the
 import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
-from common import finish, interleaved, machine, spread
+from common import finish
 from torch_model import TorchModel, import_torch
 
 from mi_enhance import parameters
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.data.training import TrainingSet
 from mi_enhance.enhance import enhance
+from mi_enhance.timing import interleaved, machine, spread
 from mi_enhance.train import DEFAULTS, Trainer
 
 _TOLERANCE = 1e-4  # relative; float32 sums of 1e5 samples in another order differ by about 1e-6

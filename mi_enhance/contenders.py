@@ -1,0 +1,217 @@
+"""What error against run time is measured of: every model of one measured material, fitted and ready to render.
+
+Fits are kept as files, so an interrupted benchmark goes on where it was. Everything here can be sent to another
+process: the first frame of a fresh one is measured, too.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import mitsuba as mi
+import numpy as np
+
+from . import rivals
+from .data import Measurements
+from .data._io import replacing
+from .fit import fit
+from .material import Material
+from .specialize import SIZES, specialize
+
+REFERENCE = "GGX in Python"
+EXACT = "enhanced, exact"
+_NETWORKS = {"enhanced ggx": "ggx", "the paper's network": "paper"}
+
+
+class Contender(NamedTuple):
+    """A model that was fitted to one material."""
+
+    make: Callable  # (spec) -> mi.BSDF, a function of this module
+    spec: dict  # JSON
+    n_bytes: int  # that belong to this material alone
+    shared_bytes: int  # of the networks that all materials have in common
+    multiply_adds: int  # of all networks in one evaluation
+    seconds: float | None  # of the fit and all that followed it
+    can_be_textured: bool = False
+
+    def bsdf(self) -> mi.BSDF:
+        """The BSDF, of the active variant."""
+        return self.make(self.spec)
+
+
+def contenders(
+    path: Path, measurements: Measurements, folder: Path, *, seed: int = 0, log: Callable = lambda _: None
+) -> dict[str, Contender]:
+    """Fit every model to one measured material, or take what an earlier call has left.
+
+    Parameters
+    ----------
+    path : Path
+        RGL ``.bsdf``, which Mitsuba's ``measured`` renders.
+    measurements : Measurements
+        Samples of it: what is fitted to.
+    folder : Path
+        Keeps the fits.
+    seed : int
+    log : callable, optional
+        Called with one line of text before each fit.
+
+    Returns
+    -------
+    dict of str to Contender
+        The reference, plain GGX, first; ``measured``, the truth itself, last.
+
+    Examples
+    --------
+    >>> contenders(path, measurements, Path("out/bench"))  # doctest: +SKIP
+    """
+
+    def kept(name: str, compute: Callable) -> Material:
+        file = folder / f"{name}.bsdf"
+        if not file.exists():
+            log(f"{measurements.name}: {name}")
+            compute().save(file)
+        return Material.load(file)
+
+    folder.mkdir(parents=True, exist_ok=True)
+    ggx = kept("ggx_analytic", lambda: fit(Material.analytic("ggx"), measurements, seed=seed))
+    exact = kept("ggx2", lambda: fit(Material.network(), measurements, seed=seed))
+    result = {
+        REFERENCE: _ours(folder / "ggx_analytic.bsdf", ggx),
+        **{name: _mitsuba(name, measurements, folder, seed, log) for name in rivals.MITSUBA},
+        EXACT: _ours(folder / "ggx2.bsdf", exact),
+        f"{EXACT}, not folded": _ours(folder / "ggx2.bsdf", exact, latent_in_kernel=True),
+        f"{EXACT}, cooperative": _ours(folder / "ggx2.bsdf", exact, evaluators="cooperative"),
+    }
+    fast = kept("specialised", lambda: specialize(exact, seed=seed))
+    result["specialised, max error 0.001"] = _ours(folder / "specialised.bsdf", fast)
+    for size in SIZES:
+        m = kept(f"specialised_{size}", lambda size=size: specialize(exact, measurements, size=size, seed=seed))
+        result[f"specialised on the file, {size}-{size}"] = _ours(folder / f"specialised_{size}.bsdf", m)
+    for label, network in _NETWORKS.items():
+        m = kept(network, lambda n=network: fit(Material.network(n), measurements, seed=seed))
+        result[label] = _ours(folder / f"{network}.bsdf", m)
+    result["the paper's network, cooperative"] = _ours(
+        folder / "paper.bsdf", Material.load(folder / "paper.bsdf"), evaluators="cooperative"
+    )
+    result["NBRDF"] = _nbrdf(measurements, folder, seed, log)
+    result["GGX and a residual network"] = _residual(ggx, measurements, folder, seed, log)
+    spec = {"type": "measured", "filename": str(path)}
+    result["measured"] = Contender(_load, spec, path.stat().st_size, 0, 0, None)
+    return result
+
+
+def edited(contender: Contender, k: int) -> Contender:
+    """The same model with other colours, as far as it has any: one of many materials of a scene."""
+    share = 0.5 + 0.5 * ((k * 0.618034) % 1)  # golden ratio: no two alike
+    spec = {**contender.spec}
+    if spec["type"] == "enhanced":
+        rho_d = Material.load(spec["filename"]).params["rho_d"]
+        spec["rho_d"] = {"type": "rgb", "value": [float(v) for v in rho_d * share]}
+    return contender._replace(spec=spec)
+
+
+def textured(contender: Contender, size: int = 64) -> Contender:
+    """The same model with a texture for rho_d and for the roughness."""
+    rng = np.random.default_rng(0)
+    m = Material.load(contender.spec["filename"])
+    weight = np.repeat(np.repeat(rng.uniform(0.5, 1, (size // 8, size // 8, 1)), 8, 0), 8, 1)
+    bitmap = lambda v: {  # noqa: E731
+        "type": "bitmap",
+        "data": mi.TensorXf(np.ascontiguousarray(v, np.float32)),
+        "raw": True,
+    }
+    roughness = {name: bitmap(np.minimum(weight * m.params[name], 1)) for name in ("alpha_x", "alpha_y")}
+    return contender._replace(spec={**contender.spec, "rho_d": bitmap(weight * m.params["rho_d"]), **roughness})
+
+
+# ---------------------------------------------------------------------- how each is made from its files
+
+
+def _load(spec: dict) -> mi.BSDF:
+    return mi.load_dict(spec)
+
+
+def _load_unfolded(spec: dict) -> mi.BSDF:
+    """A constant texture for one parameter: everything the networks read is then folded at every hit."""
+    alpha = Material.load(spec["filename"]).params["alpha_x"]
+    return mi.load_dict({**spec, "alpha_x": {"type": "uniform", "value": float(alpha[0])}})
+
+
+def _load_nbrdf(spec: dict) -> mi.BSDF:
+    from .bsdfs.function import of_function
+
+    with np.load(spec["network"], allow_pickle=False) as stored:
+        f = rivals.nbrdf_function({k: stored[k] for k in stored if k[0] in "Wb"}, float(stored["highest"]))
+    return of_function(f, Material.load(spec["lobe"]))
+
+
+def _load_residual(spec: dict) -> mi.BSDF:
+    from .bsdfs.function import of_function
+
+    lobe = Material.load(spec["lobe"])
+    return of_function(rivals.residual_function(lobe, _layers(spec["network"])), lobe)
+
+
+def _layers(file: str) -> list:
+    with np.load(file, allow_pickle=False) as stored:
+        return [(stored[f"W{k}"], stored[f"b{k}"]) for k in range((len(stored.files) - 1) // 2)]
+
+
+def _ours(file: Path, m: Material, *, latent_in_kernel: bool = False, evaluators: str | None = None) -> Contender:
+    report, brdf = m.report, m.brdf
+    own = sum(4 * c.n_weights for c in brdf.compact)
+    return Contender(
+        _load_unfolded if latent_in_kernel else _load,
+        {"type": "enhanced", "filename": str(file), **({"evaluators": evaluators} if evaluators else {})},
+        m.n_bytes + own,
+        0 if brdf.compact else 4 * brdf.n_weights,
+        brdf.multiply_adds,
+        report["seconds"] + report.get("specialize_seconds", 0),
+        not brdf.compact and not latent_in_kernel,
+    )
+
+
+def _mitsuba(name: str, measurements: Measurements, folder: Path, seed: int, log: Callable) -> Contender:
+    file = folder / f"{name}.json"
+    if not file.exists():
+        log(f"{measurements.name}: {name}")
+        spec, seconds = rivals.fit_mitsuba(name, measurements, seed=seed)
+        with replacing(file) as temporary:
+            Path(temporary).write_text(json.dumps({"spec": spec, "seconds": seconds}, indent=1))
+    stored = json.loads(file.read_text())
+    n = sum(n for *_, n in rivals.MITSUBA[name].values())
+    return Contender(_load, stored["spec"], 4 * n, 0, 0, stored["seconds"])
+
+
+def _nbrdf(measurements: Measurements, folder: Path, seed: int, log: Callable) -> Contender:
+    file = folder / "nbrdf.npz"
+    if not file.exists():
+        log(f"{measurements.name}: NBRDF")
+        network, seconds = rivals.train_nbrdf(measurements, seed=seed)
+        with replacing(file) as temporary:
+            np.savez(temporary, **network, seconds=seconds, highest=measurements.f.max())
+    with np.load(file, allow_pickle=False) as stored:
+        seconds = float(stored["seconds"])
+        n, products = (sum(stored[k].size for k in stored if k[0] in first) for first in ("Wb", "W"))
+    spec = {"type": "nbrdf", "network": str(file), "lobe": str(folder / "ggx_analytic.bsdf")}
+    return Contender(_load_nbrdf, spec, 4 * n, 0, products, seconds)
+
+
+def _residual(ggx: Material, measurements: Measurements, folder: Path, seed: int, log: Callable) -> Contender:
+    file = folder / "residual.npz"
+    if not file.exists():
+        log(f"{measurements.name}: GGX and a residual network")
+        layers, seconds = rivals.train_residual(ggx, measurements, seed=seed)
+        arrays = {f"{letter}{k}": v for k, layer in enumerate(layers) for letter, v in zip("Wb", layer, strict=True)}
+        with replacing(file) as temporary:
+            np.savez(temporary, **arrays, seconds=seconds + ggx.report["seconds"])
+    layers = _layers(str(file))
+    with np.load(file, allow_pickle=False) as stored:
+        seconds = float(stored["seconds"])
+    n, products = sum(w.size + b.size for w, b in layers), sum(w.size for w, _ in layers)
+    spec = {"type": "residual", "network": str(file), "lobe": str(folder / "ggx_analytic.bsdf")}
+    return Contender(_load_residual, spec, ggx.n_bytes + 4 * n, 0, products, seconds)

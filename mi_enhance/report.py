@@ -1,0 +1,287 @@
+"""Error against run time: a table, a Pareto plot and a page of every model of some measured materials.
+
+Errors are those of unseen samples and of a render beside the measured file; times are medians of interleaved runs, as
+ratios to plain GGX of this package: a plugin in Python like ours, without networks.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import data, scene, timing
+from .compare import compare
+from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
+from .data._io import material_name, replacing, require_file
+from .data.sampling import sample_pairs
+from .losses import log_l1
+from .table import write_table
+from .workers import Workers, first_frames
+
+LANES = 1 << 20  # of the kernel that evaluates a BSDF alone
+MANY = 20  # materials in the scene of many
+_UNSEEN = 50_000  # pairs that errors are measured on
+_GROWING = (REFERENCE, EXACT, "specialised, max error 0.001")
+COLUMNS = {
+    "label": ("model", ""),
+    "log_l1": ("log-L1", ".4f"),
+    "error_ratio": ("to GGX", ".2f"),
+    "ssim": ("SSIM", ".4f"),
+    "delta_E_ITP_1000": ("ΔE ITP x1000", ".2f"),
+    "eval_ns": ("eval ns", ".1f"),
+    "gflops": ("GFLOP/s", ".0f"),
+    "ball": ("ball Mpaths/s", ".2f"),
+    "ball_ratio": ("to GGX", ".2f"),
+    "many": (f"{MANY} materials", ".2f"),
+    "many_ratio": ("to GGX", ".2f"),
+    "textured": ("textured", ".2f"),
+    "textured_ratio": ("to GGX", ".2f"),
+    "cold": ("first frame, cold s", ".2f"),
+    "warm": ("warm s", ".2f"),
+    "megabytes": ("peak MB", ".0f"),
+    "n_bytes": ("bytes", ",d"),
+    "shared_bytes": ("shared bytes", ",d"),
+    "multiply_adds": ("multiply-adds", ",d"),
+    "fit_seconds": ("fit s", ".1f"),
+}
+GROWTH_COLUMNS = {
+    "what": ("what grows", ""),
+    "value": ("to", "d"),
+    **{label: (f"{label}, ms", ".0f") for label in _GROWING},
+    "ratio": ("exact to GGX", ".2f"),
+    "ratio_fast": ("specialised to GGX", ".2f"),
+}
+
+
+def bench(
+    paths: Sequence[str | Path],
+    out_dir: str | Path,
+    *,
+    resolution: int = 256,
+    spp: int = 64,
+    rounds: int = 5,
+    samples: int = 100_000,
+    seed: int = 0,
+    log: Callable = lambda _: None,
+) -> dict:
+    """Measure error against run time of every model on measured materials.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        RGL ``.bsdf`` files. Errors are means over all of them; run times are those of the first.
+    out_dir : str or Path
+        Folder for ``bench.csv``, ``.json``, ``.md``, ``pareto.png``, ``index.html``, the pictures of each material and
+        all fits; with the same settings an interrupted run goes on where it was.
+    resolution, spp : int
+        Of all renders.
+    rounds : int
+        Interleaved runs, of which medians count.
+    samples : int
+        Pairs of directions that every model is fitted to; errors are measured on others.
+    seed : int
+    log : callable, optional
+        Called with one line of text before each step.
+
+    Returns
+    -------
+    dict
+        ``machine``, ``rows`` (one for each model, keys of `COLUMNS`), ``growth`` (how seconds grow), ``files``.
+
+    Raises
+    ------
+    ValueError
+        If no file is given, two materials have one name, or `out_dir` holds a run with other settings.
+
+    Examples
+    --------
+    >>> bench(["data/rgl/satin_rosaline_rgb.bsdf"], "out/bench")["rows"]  # doctest: +SKIP
+    """
+    names = [material_name(path) for path in paths]
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"bench(): materials {names} must be at least one and all different. Rename a file.")
+    paths = [require_file(path, f'bench("{path}")') for path in paths]
+    out_dir = Path(out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    _same_settings(out_dir / "settings.json", {"samples": samples, "seed": seed})
+    about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
+    fitted, errors = [], []
+    for name, path in zip(names, paths, strict=True):
+        measured = data.load(path, n_samples=samples, seed=seed, kind="rgl")
+        fitted.append(contenders(path, measured, out_dir / name, seed=seed, log=log))
+        unseen = data.load(path, n_samples=_UNSEEN, seed=seed + 1, kind="rgl")
+        errors.append(_errors(fitted[-1], unseen, out_dir / name, resolution, spp, seed, log))
+    rows = [_row(label, [f[label] for f in fitted], [e[label] for e in errors]) for label in fitted[0]]
+    by_label = {row["label"]: row for row in rows}
+    size = {"resolution": resolution, "spp": spp}
+    with Workers(fitted[0]) as workers:
+        log("run time: one kernel")
+        _add_kernels(by_label, workers, fitted[0], rounds)
+        for kind, load, given in _scenes(fitted):
+            log(f"run time: {kind}")
+            _add_rates(by_label, workers, kind, load, given, size, rounds)
+        log("run time: what grows")
+        growth = _growth(fitted, workers, resolution, rounds)
+    log("first frames")
+    for label, c in fitted[0].items():
+        by_label[label] |= first_frames((frame, scene.shader_ball, c), resolution=128, spp=1)
+    return _write(out_dir, about, names, rows, growth)
+
+
+def _same_settings(file: Path, settings: dict) -> None:
+    if file.exists() and json.loads(file.read_text()) != settings:
+        raise ValueError(f'bench(): "{file}" is of a run with other settings. Choose another folder, or remove it.')
+    with replacing(file) as temporary:
+        Path(temporary).write_text(json.dumps(settings) + "\n")
+
+
+# ---------------------------------------------------------------------- errors
+
+
+def _errors(fitted: Mapping[str, Contender], unseen, folder: Path, resolution, spp, seed, log) -> dict[str, dict]:
+    """Errors of every model on unseen samples and in a render, by label; from `folder` if an earlier run has them."""
+    file = folder / f"errors_{resolution}_{spp}.json"
+    if not file.exists():
+        bsdfs = {label: c.bsdf() for label, c in fitted.items()}
+        truth = bsdfs.pop("measured")
+        rows = compare(
+            truth, bsdfs, out_dir=folder, resolution=resolution, spp=spp, seed=seed, title=unseen.name, log=log
+        )
+        keys = ("ssim", "delta_E_ITP_1000", "mean_abs_log")
+        result = {row["label"]: {k: row[k] for k in keys} for row in rows}
+        for label, bsdf in {**bsdfs, "measured": truth}.items():
+            value = _evaluate(bsdf, unseen.wi, unseen.wo)
+            result[label]["log_l1"] = log_l1(value / unseen.wo[:, 2:], unseen.f, unseen.wo[:, 2])
+        with replacing(file) as temporary:
+            Path(temporary).write_text(json.dumps(result, indent=1))
+    return json.loads(file.read_text())
+
+
+def _evaluate(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """Value times cosine, (N, 3)."""
+    si = mi.SurfaceInteraction3f()
+    si.wi = mi.Vector3f(np.ascontiguousarray(wi.T))
+    return np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(np.ascontiguousarray(wo.T)))).T
+
+
+def _row(label: str, fitted: list[Contender], errors: list[dict]) -> dict:
+    row = {"label": label}
+    row |= {key: float(np.mean([e[key] for e in errors])) for key in errors[0] if errors[0][key] is not None}
+    seconds = [c.seconds for c in fitted if c.seconds is not None]
+    return row | {
+        "n_bytes": round(np.mean([c.n_bytes for c in fitted])),
+        "shared_bytes": fitted[0].shared_bytes,
+        "multiply_adds": round(np.mean([c.multiply_adds for c in fitted])),
+        "fit_seconds": float(np.mean(seconds)) if seconds else None,
+    }
+
+
+# ---------------------------------------------------------------------- run time
+
+
+def _add_kernels(rows: Mapping[str, dict], workers: Workers, fitted: Mapping[str, Contender], rounds: int) -> None:
+    """Nanoseconds of one ``eval`` in a kernel of 2^20 lanes, and the GFLOP/s of its networks in them."""
+    for label, seconds in workers.seconds({label: (kernel, c) for label, c in fitted.items()}, rounds).items():
+        row, ns = rows[label], seconds / LANES * 1e9
+        row["eval_ns"] = ns
+        if row["multiply_adds"]:
+            row["gflops"] = 2 * row["multiply_adds"] / ns
+
+
+def kernel(contender: Contender) -> Callable:
+    """A job that evaluates a BSDF for 2^20 pairs of directions in one kernel, through pointers as a renderer does."""
+    bsdf = contender.bsdf()
+    wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(LANES, seed=0))
+    context = mi.BSDFContext()
+    # One of the pointers is to another BSDF: a single instance would be called without any dispatch, and baked weights
+    # outside of a call take LLVM minutes.
+    other = mi.load_dict({"type": "diffuse"})
+    pointers = dr.select(dr.arange(mi.UInt32, LANES) < LANES - 1, mi.BSDFPtr(bsdf), mi.BSDFPtr(other))
+    dr.eval(wi, wo, pointers)
+
+    def job(keep=(bsdf, other)):  # pointers do not own what they point to
+        si = dr.zeros(mi.SurfaceInteraction3f, LANES)
+        si.wi = wi
+        dr.eval(pointers.eval(context, si, wo, mi.Mask(True)))
+        dr.sync_thread()
+
+    return job
+
+
+def frame(load: Callable, *args, **kwargs) -> Callable:
+    """A job that renders a frame of the scene that `load` gives; `args` are contenders, one or a list."""
+    make = lambda a: [c.bsdf() for c in a] if isinstance(a, list) else a.bsdf()  # noqa: E731
+    loaded = load(*(make(a) for a in args), **kwargs)
+    return lambda: np.array(mi.render(loaded))  # the copy waits for the kernels
+
+
+def sphere(bsdf: mi.BSDF, **size) -> mi.Scene:
+    """The small scene, for what grows."""
+    return scene.load("sphere_envmap", bsdf, **size)
+
+
+def many(fitted: Sequence[Mapping[str, Contender]], label: str, n: int) -> list[Contender]:
+    """`n` different materials of one model: the fitted ones in turn, their colours changed."""
+    return [edited(fitted[k % len(fitted)][label], k) for k in range(n)]
+
+
+def _scenes(fitted: Sequence[Mapping[str, Contender]]):
+    """The three scenes: name, function that loads it, and what it takes, for every model it can be rendered with."""
+    first = fitted[0]
+    yield "ball", scene.shader_ball, first
+    yield "many", scene.spheres, {label: many(fitted, label, MANY) for label in first}
+    yield "textured", sphere, {label: textured(c) for label, c in first.items() if c.can_be_textured}
+
+
+def _add_rates(rows, workers: Workers, kind: str, load: Callable, given: Mapping, size: dict, rounds: int) -> None:
+    jobs = {label: (frame, load, what) for label, what in given.items()}
+    seconds = workers.seconds(jobs, rounds, **size)
+    # `independent` samplers take any number of samples
+    paths = size["resolution"] ** 2 * size["spp"]
+    for label, s in seconds.items():
+        rows[label][kind] = paths / s / 1e6
+        rows[label][f"{kind}_ratio"] = seconds[REFERENCE] / s
+
+
+def _growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolution: int, rounds: int) -> list[dict]:
+    """Milliseconds of a frame as image, depth and number of materials grow."""
+    rows = []
+
+    def measure(what: str, value: int, load: Callable, given: Callable, **size) -> None:
+        jobs = {label: (frame, load, given(label)) for label in _GROWING}
+        ms = {label: 1e3 * s for label, s in workers.seconds(jobs, rounds, spp=16, **size).items()}
+        exact, fast = (ms[REFERENCE] / ms[label] for label in _GROWING[1:])
+        rows.append({"what": what, "value": value, **ms, "ratio": exact, "ratio_fast": fast})
+
+    one = fitted[0].get
+    for n in (resolution // 2, resolution, 2 * resolution):
+        measure("pixels on a side", n, sphere, one, resolution=n)
+    for n in (2, 4, 8, 16):
+        measure("depth", n, sphere, one, resolution=resolution, max_depth=n)
+    for n in (1, 5, MANY):
+        measure("materials", n, scene.spheres, lambda label, n=n: many(fitted, label, n), resolution=resolution)
+    return rows
+
+
+# ---------------------------------------------------------------------- results
+
+
+def _write(out_dir: Path, about: dict, names: list[str], rows: list[dict], growth: list[dict]) -> dict:
+    from .report_page import draw_pareto, write_page
+
+    reference = next(row["log_l1"] for row in rows if row["label"] == REFERENCE)
+    for row in rows:
+        row["error_ratio"] = row["log_l1"] / reference
+    files = {kind: str(path) for kind, path in write_table(rows, out_dir / "bench", COLUMNS).items()}
+    write_table(growth, out_dir / "growth", GROWTH_COLUMNS)
+    draw_pareto(rows, out_dir / "pareto.png", title=f"{', '.join(names)}; {about['cpu']}, {about['cores']} cores")
+    result = {"machine": about, "materials": names, "rows": rows, "growth": growth}
+    with replacing(Path(files["json"])) as temporary:
+        Path(temporary).write_text(json.dumps(result, indent=1) + "\n")
+    write_page(result, out_dir / "index.html", COLUMNS, GROWTH_COLUMNS)
+    return {**result, "files": {**files, "png": str(out_dir / "pareto.png"), "html": str(out_dir / "index.html")}}

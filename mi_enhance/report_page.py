@@ -1,0 +1,95 @@
+"""Error against run time as a plot and as one HTML page that needs nothing else but the pictures beside it."""
+
+from __future__ import annotations
+
+import base64
+import html
+from pathlib import Path
+
+from .data._io import replacing
+from .picture import sheet
+from .table import cells
+
+_STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:100em;padding:0 1em;color:#222}
+table{border-collapse:collapse;font-size:13px}td,th{padding:.25em .6em;border-bottom:1px solid #ddd;text-align:right}
+td:first-child,th:first-child{text-align:left}tr:hover{background:#f4f4f4}img{max-width:100%}"""
+
+
+def draw_pareto(rows: list[dict], path: str | Path, *, title: str) -> None:
+    """Draw error over run time: of one evaluation, and of a frame of the ball; the front is a line.
+
+    Parameters
+    ----------
+    rows : list of dict
+        Of :func:`mi_enhance.report.bench`: ``label``, ``log_l1``, ``eval_ns``, ``ball_ratio``.
+    path : str or Path
+        PNG.
+    title : str
+
+    Examples
+    --------
+    >>> rows = [{"label": "GGX", "log_l1": 0.03, "eval_ns": 7.0, "ball_ratio": 1.0}]
+    >>> draw_pareto(rows, "pareto.png", title="test")  # doctest: +SKIP
+    """
+    rows = [row for row in rows if row["log_l1"] > 1e-6]  # the truth itself has none: it stands as a line
+    with sheet(path, (15, 6.5), 100) as figure:
+        left, right = figure.subplots(1, 2)
+        _front(left, rows, "eval_ns", lambda v: v, "ns per evaluation in a kernel of 2^20 lanes")
+        _front(right, rows, "ball_ratio", lambda v: 1 / v, "time of a frame of the shader ball, GGX in Python = 1")
+        figure.suptitle(title, fontsize=10)
+
+
+def _front(axes, rows: list[dict], key: str, cost, label: str) -> None:
+    points = sorted((cost(row[key]), row["log_l1"], k + 1) for k, row in enumerate(rows) if key in row)
+    lowest, front = float("inf"), []
+    for x, y, _ in points:
+        if y < lowest:
+            front.append((x, y))
+            lowest = y
+    axes.step(*zip(*front, strict=True), where="post", color="tab:orange", lw=1.5, zorder=1)
+    for x, y, k in points:
+        ours = "enhanced" in rows[k - 1]["label"] or "specialised" in rows[k - 1]["label"]
+        colour = "tab:orange" if ours else "tab:blue"
+        axes.plot(x, y, "o", color=colour, ms=6, label=f"{k}  {rows[k - 1]['label']}")
+        axes.annotate(str(k), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
+    axes.set(xlabel=label, ylabel="log-L1 on unseen samples", xscale="log", yscale="log")
+    axes.grid(alpha=0.3, which="both")
+    handles, labels = axes.get_legend_handles_labels()
+    order = sorted(range(len(labels)), key=lambda i: int(labels[i].split()[0]))
+    axes.legend([handles[i] for i in order], [labels[i] for i in order], fontsize=7)
+
+
+def write_page(result: dict, path: str | Path, columns: dict, growth_columns: dict) -> None:
+    """Write table, growth, plot and the pictures of each material as one HTML page.
+
+    Parameters
+    ----------
+    result : dict
+        Of :func:`mi_enhance.report.bench`, whose folder is that of `path`.
+    path : str or Path
+    columns, growth_columns : dict
+        As for :func:`mi_enhance.table.markdown`.
+    """
+    path = Path(path)
+    about = ", ".join(f"{key} {value}" for key, value in result["machine"].items())
+    plot = base64.b64encode((path.parent / "pareto.png").read_bytes()).decode()
+    pictures = "".join(
+        f'<h2>{html.escape(name)}</h2><img alt="renders and error maps of {html.escape(name)}" '
+        f'src="{html.escape(name)}/comparison.png">'
+        for name in result["materials"]
+    )
+    text = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Error against run time</title>'
+        f"<style>{_STYLE}</style><h1>Error against run time</h1><p>{html.escape(about)}</p>"
+        f'<img alt="Pareto plot" src="data:image/png;base64,{plot}">'
+        f"{_table(result['rows'], columns)}<h2>How the time of a frame grows</h2>"
+        f"{_table(result['growth'], growth_columns)}{pictures}</html>"
+    )
+    with replacing(path) as temporary:
+        Path(temporary).write_text(text, encoding="utf8")
+
+
+def _table(rows: list[dict], columns: dict) -> str:
+    headers, lines = cells(rows, columns)
+    row = lambda tag, values: "<tr>" + "".join(f"<{tag}>{html.escape(v)}</{tag}>" for v in values) + "</tr>"  # noqa: E731
+    return "<table>" + row("th", headers) + "".join(row("td", line) for line in lines) + "</table>"
