@@ -26,6 +26,7 @@ from .workers import Workers, first_frames
 LANES = 1 << 20  # of the kernel that evaluates a BSDF alone
 MANY = 20  # materials in the scene of many
 _UNSEEN = 50_000  # pairs that errors are measured on
+_SAMPLER = {"ball": "multijitter"}  # of the scenes: `independent` unless named
 _GROWING = (REFERENCE, EXACT, "specialised, max error 0.001")
 COLUMNS = {
     "label": ("model", ""),
@@ -241,8 +242,9 @@ def _scenes(fitted: Sequence[Mapping[str, Contender]]):
 def _add_rates(rows, workers: Workers, kind: str, load: Callable, given: Mapping, size: dict, rounds: int) -> None:
     jobs = {label: (frame, load, what) for label, what in given.items()}
     seconds = workers.seconds(jobs, rounds, **size)
-    # `independent` samplers take any number of samples
-    paths = size["resolution"] ** 2 * size["spp"]
+    # a stratified sampler may round spp up: what was traced is counted
+    sampler = mi.load_dict({"type": _SAMPLER.get(kind, "independent"), "sample_count": size["spp"]})
+    paths = size["resolution"] ** 2 * sampler.sample_count()
     for label, s in seconds.items():
         rows[label][kind] = paths / s / 1e6
         rows[label][f"{kind}_ratio"] = seconds[REFERENCE] / s

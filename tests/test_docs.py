@@ -16,6 +16,7 @@ SMALL = {
     "01_quickstart": "resolution, spp, n_samples = 32, 4, 2000",
     "02_search": """names, n_samples, epochs = ["alum-bronze", "blue-acrylic"], 1280, 1
 resolution, spp, n_fit = 32, 4, 2000""",
+    "03_error_against_time": "n_samples, sizes, resolution, spp, rounds = 2000, (6,), 32, 4, 1",
 }
 
 

@@ -1,0 +1,137 @@
+"""Error against run time: the rivals are what they say, times are those of one thing alone, results are whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mi_enhance as me  # before mitsuba
+
+import mitsuba as mi  # isort: skip
+import numpy as np
+import pytest
+
+from mi_enhance import Material, data, rivals, scene
+from mi_enhance.data import nbrdf
+from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.losses import log_l1
+
+ROOT = Path(__file__).resolve().parents[1]
+FILE = ROOT / "data/rgl/satin_rosaline_rgb.bsdf"
+
+
+def evaluate(bsdf, wi, wo):
+    si = mi.SurfaceInteraction3f()
+    si.wi = mi.Vector3f(np.ascontiguousarray(wi.T))
+    return np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(np.ascontiguousarray(wo.T)))).T / wo[:, 2:]
+
+
+def measurements(f, n=3000):
+    wi, wo = sample_pairs(n, seed=0)
+    return data.Measurements(wi, wo, f(wi, wo), "made up")
+
+
+def test_nbrdf_in_drjit_is_the_reader_s(llvm):
+    from mi_enhance.bsdfs.function import of_function
+
+    names, networks = nbrdf.read_networks(ROOT / "data/nbrdf/merl.npz")
+    network = {k: w[names.index("gold-metallic-paint")] for k, w in networks.items()}
+    wi, wo = sample_pairs(2000, seed=1)
+    ours = evaluate(of_function(rivals.nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)
+    np.testing.assert_allclose(ours, nbrdf.decode(network, wi, wo), rtol=2e-3, atol=1e-4)
+
+
+def test_a_residual_network_is_better_than_what_it_is_added_to(llvm):
+    from mi_enhance.bsdfs.function import of_function
+
+    m = data.load(FILE, n_samples=6000)
+    unseen = data.load(FILE, n_samples=3000, seed=1)
+    lobe = me.fit(Material.analytic("ggx"), m)
+    layers, _ = rivals.train_residual(lobe, m)
+    both = evaluate(of_function(rivals.residual_function(lobe, layers), lobe), unseen.wi, unseen.wo)
+    alone = evaluate(lobe.bsdf(), unseen.wi, unseen.wo)
+    errors = [log_l1(f, unseen.f, unseen.wo[:, 2]) for f in (both, alone)]
+    assert (both >= 0).all() and errors[0] < 0.8 * errors[1]
+
+
+def test_a_bsdf_of_mitsuba_is_found_again(llvm):
+    truth = {"type": "roughconductor", "distribution": "ggx", "material": "none", "alpha": 0.23}
+    truth["specular_reflectance"] = {"type": "rgb", "value": [0.7, 0.4, 0.2]}
+    spec, _ = rivals.fit_mitsuba("roughconductor", measurements(lambda wi, wo: evaluate(mi.load_dict(truth), wi, wo)))
+    assert spec["alpha"] == pytest.approx(0.23, abs=2e-3)
+    np.testing.assert_allclose(spec["specular_reflectance"]["value"], [0.7, 0.4, 0.2], atol=5e-3)
+
+
+def test_principled_fits_paint_better_than_a_conductor(llvm):
+    m = data.load(FILE, n_samples=4000)
+    errors = {}
+    for plugin in rivals.MITSUBA:
+        spec, _ = rivals.fit_mitsuba(plugin, m)
+        errors[plugin] = log_l1(evaluate(mi.load_dict(spec), m.wi, m.wo), m.f, m.wo[:, 2])
+    assert errors["principled"] < 0.5 * errors["roughconductor"]
+
+
+def test_the_evaluators_can_be_chosen(llvm):
+    wi, wo = sample_pairs(500, seed=0)
+    spec = Material.network("ggx").to_dict()
+    values = [evaluate(mi.load_dict({**spec, "evaluators": kind}), wi, wo) for kind in ("baked", "cooperative")]
+    np.testing.assert_allclose(*values, rtol=1e-3, atol=1e-5)
+    with pytest.raises(Exception, match="baked, cooperative"):
+        mi.load_dict({**spec, "evaluators": "fast"})
+
+
+def test_spheres(llvm):
+    grey = [{"type": "diffuse", "reflectance": {"type": "rgb", "value": v}} for v in (0.1, 0.5, 0.9)]
+    image = np.array(mi.render(scene.spheres(grey, resolution=32, spp=4)))
+    assert np.isfinite(image).all() and image.std() > 0
+
+
+def test_specialised_of_a_given_size(llvm):
+    m = me.specialize(Material.network("ggx").edit(rho_s=0.5), size=4)
+    assert m.brdf.compact[0].sizes[1:-1] == (4, 4)
+    with pytest.raises(ValueError, match="1 to 64"):
+        me.specialize(Material.network("ggx"), size=0)
+
+
+def test_settings_of_another_run_are_refused(llvm, tmp_path):
+    from mi_enhance.report import bench
+
+    (tmp_path / "settings.json").write_text('{"samples": 7, "seed": 0}')
+    with pytest.raises(ValueError, match="other settings"):
+        bench([FILE], tmp_path, samples=1000)
+    with pytest.raises(ValueError, match="all different"):
+        bench([FILE, FILE], tmp_path)
+
+
+def rows():
+    base = {"error_ratio": 1.0, "fit_seconds": None, "multiply_adds": 0, "n_bytes": 48, "shared_bytes": 0}
+    for label, loss, ns, ratio in (
+        ("GGX <b>", 0.04, 7.0, 1.0),
+        ("enhanced", 0.02, 40.0, 0.8),
+        ("measured", 0, 9.0, 1.0),
+    ):
+        yield {"label": label, "log_l1": loss, "eval_ns": ns, "ball_ratio": ratio, **base}
+
+
+def test_plot_and_page(tmp_path):
+    from mi_enhance.report import COLUMNS, GROWTH_COLUMNS
+    from mi_enhance.report_page import draw_pareto, write_page
+
+    draw_pareto(list(rows()), tmp_path / "pareto.png", title="x")
+    result = {"machine": {"cpu": "c"}, "materials": ["felt"], "rows": list(rows()), "growth": []}
+    write_page(result, tmp_path / "index.html", COLUMNS, {k: GROWTH_COLUMNS[k] for k in ("what", "value")})
+    text = (tmp_path / "index.html").read_text()
+    assert "GGX &lt;b&gt;" in text and "felt/comparison.png" in text and "data:image/png;base64," in text
+
+
+@pytest.mark.slow
+def test_bench(llvm, tmp_path):
+    from mi_enhance.cli import main
+
+    assert main(["bench", str(FILE), "-o", str(tmp_path), "--samples", "2000", "--resolution", "32", "--spp", "4"]) == 0
+    result = json.loads((tmp_path / "bench.json").read_text())
+    by_label = {row["label"]: row for row in result["rows"]}
+    assert by_label["measured"]["log_l1"] < 1e-4
+    assert by_label["enhanced, exact"]["log_l1"] < by_label["GGX in Python"]["log_l1"]
+    assert all(row["cold"] > 0 and row["ball"] > 0 for row in result["rows"])
+    assert (tmp_path / "pareto.png").exists() and (tmp_path / "index.html").exists()
