@@ -215,9 +215,15 @@ def kernel(contender: Contender) -> Callable:
 
 
 def frame(load: Callable, *args, **kwargs) -> Callable:
-    """A job that renders a frame of the scene that `load` gives; `args` are contenders, one or a list."""
-    make = lambda a: [c.bsdf() for c in a] if isinstance(a, list) else a.bsdf()  # noqa: E731
-    loaded = load(*(make(a) for a in args), **kwargs)
+    """A job that renders a frame of the scene that `load` gives; `args` are contenders, one or a list.
+
+    A list is repeated to `MANY`: as many spheres stand in the picture however many materials there are.
+    """
+    bsdfs = []
+    for a in args:
+        made = [c.bsdf() for c in (a if isinstance(a, list) else [a])]
+        bsdfs.append([made[k % len(made)] for k in range(MANY)] if isinstance(a, list) else made[0])
+    loaded = load(*bsdfs, **kwargs)
     return lambda: np.array(mi.render(loaded))  # the copy waits for the kernels
 
 
