@@ -67,7 +67,7 @@ def directional_features(i, o, p):
 def terms(model, i, o, p):
     """Analytic value of every term, (n,) or (n, 3)."""
     h = twin.unit(i + o)
-    cos_d, e = np.sum(o * h, -1), twin.inv_E(i[:, 2], o[:, 2])
+    cos_d, e = twin.cosine_d(i, o), twin.inv_E(i[:, 2], o[:, 2])
     result = {"M": p["rho_d"] / np.pi, "S": p["A" if model == "abc" else "rho_s"], "1/E": e}
     if model == "ward":
         root = np.sqrt(np.maximum(i[:, 2], 1e-4) * np.maximum(o[:, 2], 1e-4))
@@ -89,10 +89,10 @@ def brdf(model, wi, wo, params, networks):
     i, o, p, up = twin.local(wi, wo, params)
     constant, varying = constant_features(model, p), directional_features(i, o, p)
     both = np.concatenate([constant, varying], -1)
-    values = terms(model, i, o, p)
+    values, limit = terms(model, i, o, p), twin.limits(FORMULAS[model], networks)
     for name in set(networks) & set(values):
         x = constant if name in COLOURS else both
-        value = np.exp(np.clip(mlp(networks[name], x) + p[f"norm_{name}"][:, None], -20, 20))
+        value = np.exp(np.clip(mlp(networks[name], x) + p[f"norm_{name}"][:, None], -limit(name), limit(name)))
         values[name] = values[name] * value if name in COLOURS else value  # a colour is scaled
     values = {name: v[:, None] if np.ndim(v) == 1 else v for name, v in values.items()}
 
@@ -101,7 +101,7 @@ def brdf(model, wi, wo, params, networks):
             return a + b if "+" in name else a * b
         a, b = np.broadcast_arrays(a, b)
         y = mlp(networks[name], np.log(np.maximum(np.stack([a.ravel(), b.ravel()], -1), 1e-6)))
-        return np.exp(np.clip(y, -20, 20)).reshape(a.shape)
+        return np.exp(np.clip(y, -limit(name), limit(name))).reshape(a.shape)
 
     def product(names):
         first, *rest = names
