@@ -206,8 +206,8 @@ class EnhancedBRDF:
             slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in self.evaluated
         }
         for c in self.compact:
-            for slot, y in zip(c.slots, c(record), strict=True):
-                functions[slot] = lambda *_, value=_exp(y, limits.get(slot, _MAX_LOG)): value
+            values = [_exp(y, limits.get(slot, _MAX_LOG)) for slot, y in zip(c.slots, c(record), strict=True)]
+            functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
         return functions
 
     def _max_logs(self) -> dict[str, float]:

@@ -84,6 +84,15 @@ def D_abc(h, B, C):
     return (1 + 2 * B * np.sin(theta / 2) ** 2) ** -C
 
 
+def D_abc_normalised(h, B, C):
+    """The same over its integral against the cosine, in closed form; C = 1 and C = 2 are its limits."""
+
+    def power(k):  # integral of u^(k - 1) from 1 to 1 + B
+        return np.where(k == 0, np.log1p(B), np.expm1(k * np.log1p(B)) / np.where(k == 0, 1, k))
+
+    return D_abc(h, B, C) * B**2 / (2 * np.pi * ((1 + B) * power(1 - C) - power(2 - C)))
+
+
 def F_dielectric(cos_theta_d, ior):
     """Fresnel's equations with the refracted angle (Snell); cosines below 1e-4 count as 1e-4."""
     c = np.maximum(cos_theta_d, 1e-4)
