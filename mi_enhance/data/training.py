@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import Measurements, load, names, nbrdf, nps
+from . import Measurements, _npz, load, names, nbrdf, nps
 from ._io import digest, replacing, require_file
 from .assorted import assorted, warp
 from .sampling import cosine_hemisphere, sample_pairs
@@ -75,10 +75,22 @@ class TrainingSet:
 
     @staticmethod
     def read(path: Path) -> TrainingSet:
-        """The inverse of :meth:`save`."""
-        with np.load(path, allow_pickle=False) as stored:
-            names, samples = stored["names"].tolist(), stored["samples"]
-            return TrainingSet(names, stored["kinds"].tolist(), samples, samples.shape[1] // len(names))
+        """The inverse of :meth:`save`.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged.
+        """
+        where = f'training set "{path}"'
+        stored = _npz.read(path, ["names", "kinds", "samples"], where)
+        names, kinds = (_npz.words(stored, key, where) for key in ("names", "kinds"))
+        shape = stored["samples"].shape
+        n = shape[-1] // len(names) if shape else 0
+        samples = _npz.numbers(stored, "samples", (9, n * len(names)), where)
+        if n == 0 or len(kinds) != len(names):
+            raise ValueError(f"{where}: {len(names)} names, {len(kinds)} kinds, samples {shape}. Remove the file.")
+        return TrainingSet(names, kinds, samples, n)
 
 
 def gather(materials: list[Measurements], n_samples: int, seed: int) -> TrainingSet:
