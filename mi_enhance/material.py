@@ -55,6 +55,18 @@ class Material:
         values = {**parameters.initial(self.brdf.parameters), **self.params}
         object.__setattr__(self, "params", parameters.check(self.brdf.parameters, values, "Material"))
 
+    def __reduce__(self):
+        raise TypeError(
+            "Material: not to be pickled, a pickle would run code when it is read and break with the next version. "
+            "Give other processes the file: material.save(path) here, Material.load(path) there."
+        )
+
+    def __copy__(self) -> Material:  # else the copy module would pickle
+        return self.edit()
+
+    def __deepcopy__(self, memo: dict) -> Material:
+        return self.edit()
+
     # ------------------------------------------------------------------ where they come from
 
     @staticmethod

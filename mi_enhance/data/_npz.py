@@ -80,10 +80,11 @@ def words(arrays, name, where):
     a = arrays[name]
     if a.dtype.kind != "U" or a.ndim != 1 or a.size == 0:
         raise ValueError(f"{where}: {name} is {a.dtype} with shape {a.shape}; a list of strings is needed.")
-    try:
-        return [str(n) for n in a]
-    except (ValueError, SystemError) as error:  # code points beyond Unicode, from flipped bits
-        raise ValueError(_damaged(where, error)) from error
+    # Code points beyond Unicode, from flipped bits: Python makes strings of some, and fails when they are used.
+    codes = np.ascontiguousarray(a.astype(a.dtype.newbyteorder("="))).view(np.uint32) if a.itemsize else np.zeros(0)
+    if (codes > 0x10FFFF).any() or ((codes >= 0xD800) & (codes < 0xE000)).any():
+        raise ValueError(_damaged(where, f"{name} holds characters that do not exist"))
+    return [str(n) for n in a]
 
 
 def _damaged(where, error):
