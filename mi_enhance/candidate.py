@@ -20,7 +20,8 @@ import mitsuba as mi
 import numpy as np
 
 from . import alternatives, models, nn, parameters, state
-from .data._io import digest, replacing
+from .data import _npz
+from .data._io import digest, read_json, replacing
 from .data.training import TrainingSet
 from .enhance import EnhancedBRDF, enhance
 from .imitate import imitate
@@ -72,7 +73,7 @@ def _train(folder: Path, stage: int, digits: state.State, parent: state.State) -
     own = candidate_folder(folder, stage, digits)
     file, checkpoint = own / "result.json", own / "checkpoint.npz"
     if file.exists():
-        return json.loads(file.read_text())
+        return read_json(file, "search()", ("digits", "loss", "cost"))
     own.mkdir(parents=True, exist_ok=True)
     setup = Setup.of(folder)
     samples, aside = setup.samples
@@ -130,7 +131,7 @@ class Setup:
     """What all candidates of a search share, read once per process: settings, model, choices, samples."""
 
     def __init__(self, folder: Path):
-        self.settings = json.loads((folder / "search.json").read_text())
+        self.settings = read_json(folder / "search.json", "search()", ("model", "n_samples", "batch", "epochs"))
         self.model = model_of(self.settings)
         self.choices = choices_of(self.settings)
         self.build = {name: self.settings[name] for name in ("inputs", "modulated", "n_latent", "seed")}
@@ -163,8 +164,13 @@ def inherit(setup: Setup, folder: Path, stage: int, digits: state.State, parent:
 
 def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.ndarray]:
     """The BRDF with the weights of a checkpoint, and the parameters of all materials, (M, P)."""
-    with np.load(checkpoint, allow_pickle=False) as stored:
-        flat, values = stored["weights"], stored["parameters"].astype(np.float64)
+    where = f'search(): "{checkpoint}"'
+    stored = _npz.read(checkpoint, ["weights", "parameters"], where)
+    flat = _npz.numbers(stored, "weights", (max(template.n_weights, 1),), where)  # without networks one float stands in
+    values = stored["parameters"]
+    if values.dtype.kind != "f" or values.size % template.n_parameters or not np.isfinite(values).all():
+        raise ValueError(f"{where}: the parameters are not those of {template}. Remove this file's folder.")
+    values = values.astype(np.float64)
     values = values.reshape(template.n_parameters, -1).T.copy()
     brdf = dataclasses.replace(template, networks=nn.unflatten(template.networks, flat))
     return brdf, parameters.Space(template.parameters).back(values)
@@ -203,8 +209,9 @@ def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -
         file.parent.mkdir(exist_ok=True)
         with replacing(file) as temporary:
             np.savez(temporary, weights=nn.flatten(taught.networks))
-    with np.load(file, allow_pickle=False) as stored:
-        return nn.unflatten(alone.networks, stored["weights"])[slot]
+    where = f'search(): "{file}"'
+    weights = _npz.numbers(_npz.read(file, ["weights"], where), "weights", (alone.n_weights,), where)
+    return nn.unflatten(alone.networks, weights)[slot]
 
 
 def judge(brdf: EnhancedBRDF, values: np.ndarray, samples: TrainingSet) -> float:

@@ -19,8 +19,10 @@ from .models import Model
 _READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}
 
 # Outputs of a network are logarithms of what they stand for, so every term stays positive and a product of terms is
-# a sum that is easy to learn. Four of them in a row (D, F, G, 1/E) reach exp(80) = 5e34, within float32's 3e38.
-_MAX_LOG = 20.0
+# a sum that is easy to learn. Products must stay within float32's 3e38: two networks beside S, D and 1/E, which reach
+# 10, 3e7 and 2.5e7, come to 2e33; three beside D and 1/E, four beside A, which reaches 1e5, or all five (S, D, F, G,
+# 1/E) would overflow, and have less room each: 4e35, 1e31 and 4e32.
+_MAX_LOG, _MAX_LOG_OF_MANY = 20.0, 15.0
 # Floor of an operand before its logarithm is taken: an analytic operand may be exactly 0 (rho_s = 0, F0 = 0).
 _MIN_OPERAND = 1e-6
 
@@ -166,8 +168,8 @@ class EnhancedBRDF:
 
     def prepare(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """The graph to evaluate, the record to evaluate it on, and the lanes above the horizon; as :meth:`__call__`."""
-        local_i, local_o, active = geometry.local_directions(wi, wo, params)
-        record = {**geometry.quantities(local_i, local_o), **params}
+        quantities, active = geometry.local_quantities(wi, wo, params)
+        record = {**quantities, **params}
         graph = self.model.graph
         if self.networks:
             evaluators = self.evaluators() if evaluators is None else evaluators
@@ -199,22 +201,43 @@ class EnhancedBRDF:
     def _functions(self, record: Mapping, wi, wo, evaluators: Mapping, folded: Mapping) -> dict:
         """The callables that stand in for the slots with networks."""
         nodes = [self.model.graph.find(slot) for slot in self.evaluated]
-        x = features.of_directions(record, self.inputs, wi, wo, nodes)
-        functions = {slot: self._function(slot, x[slot], evaluators[slot], folded[slot]) for slot in self.evaluated}
+        x, limits = features.of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
+        functions = {
+            slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in self.evaluated
+        }
         for c in self.compact:
-            values = map(_exp, c(record))
+            values = [_exp(y, limits.get(slot, _MAX_LOG)) for slot, y in zip(c.slots, c(record), strict=True)]
             functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
         return functions
 
-    def _function(self, slot: str, x: Sequence, evaluator, bias: Sequence):
+    def _max_logs(self) -> dict[str, float]:
+        """Largest logarithm, of either sign, that each network stands for: fewer digits where three are factors."""
+        result = {}
+
+        def close(factors: list[str]) -> None:
+            result.update(dict.fromkeys(factors, _MAX_LOG if len(factors) < 3 else _MAX_LOG_OF_MANY))
+
+        def factors(node: Node) -> list[str]:
+            """Networks that are multiplied with one another in `node`; one of an operator takes its operands' place."""
+            below = [factors(a) for a in node.args]
+            if node.symbol == "*" and node.name not in self.networks:
+                return [name for names in below for name in names]
+            for names in below:
+                close(names)
+            return [node.name] if node.name in self.networks else []
+
+        close(factors(self.model.graph))
+        return result
+
+    def _function(self, slot: str, x: Sequence, evaluator, bias: Sequence, limit: float):
         """The callable that stands in for `slot`."""
         if self.model.graph.find(slot).args:
-            return lambda a, b: _operator(evaluator, bias, a, b)
+            return lambda a, b: _operator(evaluator, bias, a, b, limit)
         mlp, name = self.networks[slot], f"norm_{slot}"
 
         def term(record):
             values = evaluator(x, bias) if mlp.varies else bias
-            out = [_exp(y + record[name]) if name in record else _exp(y) for y in values]
+            out = [_exp(y + record[name] if name in record else y, limit) for y in values]
             return out[0] if len(out) == 1 else mi.Color3f(*out)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:
@@ -224,16 +247,16 @@ class EnhancedBRDF:
         return term
 
 
-def _exp(y):
-    return dr.exp(dr.clip(y, -_MAX_LOG, _MAX_LOG))
+def _exp(y, limit: float):
+    return dr.exp(dr.clip(y, -limit, limit))
 
 
-def _operator(evaluator, bias, a, b):
+def _operator(evaluator, bias, a, b, limit: float):
     """A network of the two operands' logarithms; colours go through it one channel after the other."""
 
     def one(a, b):
         (y,) = evaluator([dr.log(dr.maximum(v, _MIN_OPERAND)) for v in (a, b)], bias)
-        return _exp(y)
+        return _exp(y, limit)
 
     n = max(dr.size_v(a) if dr.depth_v(a) > 1 else 1, dr.size_v(b) if dr.depth_v(b) > 1 else 1)
     if n == 1:

@@ -13,6 +13,7 @@ import numpy as np
 
 from . import levenberg, parameters, sampling
 from .data import Measurements
+from .determined import determined
 from .enhance import EnhancedBRDF
 from .material import Material
 from .normalise import normalise, plain
@@ -62,7 +63,8 @@ def fit(
     Material
         With `report`: ``model``, ``log_l1`` (eq. 1, mean over all samples and channels), ``log_l1_analytic`` (the
         analytic model fitted by the same method), ``seconds`` (of all), ``seconds_analytic``, ``n_samples``,
-        ``n_parameters``, ``clamped_fraction``, ``method``, ``seed``, ``name``, ``source``.
+        ``n_parameters``, ``clamped_fraction``, ``method``, ``seed``, ``name``, ``source``, and what the samples say of
+        the parameters: ``std`` and ``undetermined`` of :func:`mi_enhance.determined.determined`.
 
     Raises
     ------
@@ -119,7 +121,14 @@ def fit(
         "source": measurements.source,
     }
     fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None))
-    return dataclasses.replace(fitted, lobe_albedo=sampling.lobe_albedo(fitted))
+    std, undetermined = determined(fitted, measurements, loss, _held(reciprocal))
+    report = {**report, "std": std, "undetermined": undetermined}
+    return dataclasses.replace(fitted, report=report, lobe_albedo=sampling.lobe_albedo(fitted))
+
+
+def _held(reciprocal: bool) -> tuple[str, ...]:
+    """Parameters that a fit does not move."""
+    return ("asymmetry",) if reciprocal else ()
 
 
 def require_rgb(where: str) -> None:
@@ -162,7 +171,7 @@ def _lm(
         starts = [*starts, *analytic_starts(brdf)]
     elif library is not None:
         starts = [*starts, *_nearest(brdf, measurements, library, order[:1024])]
-    space = parameters.Space(brdf.parameters, hold=("asymmetry",) if reciprocal else ())
+    space = parameters.Space(brdf.parameters, _held(reciprocal))
     u, losses, used = space.to(np.array(starts)), None, 0
     for samples, survivors, steps in _STAGES:
         if used == n:
@@ -207,7 +216,7 @@ def _rmsprop(
     problem = objective(brdf, measurements)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
     optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to(first).astype(np.float32))})
-    space = parameters.Space(brdf.parameters, hold=("asymmetry",) if reciprocal else ())
+    space = parameters.Space(brdf.parameters, _held(reciprocal))
     low, high = (mi.Float(v.astype(np.float32)) for v in (space.low, space.high))
     for step in range(epochs):
         flat = mi.Float(dr.detach(optimizer["u"]))

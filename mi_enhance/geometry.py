@@ -118,9 +118,7 @@ def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
     >>> quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))["cos_theta_h"]
     [1]
     """
-    s = wi + wo
-    # wi = -wo has no half vector: the floor makes it 0 instead of NaN (such pairs are below the horizon anyway).
-    h = s * dr.rsqrt(dr.maximum(dr.squared_norm(s), 1e-12))
+    h, cos_theta_d = _half_vector(wi, wo)
     return {
         "wi": wi,
         "wo": wo,
@@ -128,6 +126,57 @@ def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
         "cos_theta_i": wi.z,
         "cos_theta_o": wo.z,
         "cos_theta_h": h.z,
-        # |wi + wo| = 2 cos_theta_d: exact where dot(wi, h) loses digits; at most 1 against rounding.
-        "cos_theta_d": dr.minimum(0.5 * dr.norm(s), 1),
+        "cos_theta_d": cos_theta_d,
     }
+
+
+def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple[dict, mi.Mask]:
+    """:func:`quantities` in the material's frame, and the lanes of :func:`local_directions` above the horizons.
+
+    The first two components of the half vector are what a narrow lobe is made of: near a mirror they are small
+    differences of large numbers, of which turning both directions first would leave 6e-8, a thousandth of a roughness
+    of 1e-4. The sum of the directions is (all but) exact in the surface's frame, and so is h - n: t.h = t.(h - n).
+
+    Parameters
+    ----------
+    wi, wo : mi.Vector3f, N lanes
+        Directions towards viewer and light, surface frame.
+    params : dict
+        Parameter values; reads ``n_x``, ``n_y``, ``t_theta``, and takes the surface's frame where they are left out.
+
+    Returns
+    -------
+    quantities : dict
+    active : mi.Mask, N lanes
+
+    Examples
+    --------
+    >>> q, active = local_quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1), {})
+    >>> q["h"], active
+    ([[0, 0, 1]], [True])
+    """
+    local_i, local_o, active = local_directions(wi, wo, params)
+    q = quantities(local_i, local_o)
+    if "n_x" in params:
+        frame, (h, cos_theta_d) = frame_of(params), _half_vector(wi, wo)
+        h = mi.Vector3f(dr.dot(frame.s, h - frame.n), dr.dot(frame.t, h - frame.n), dr.dot(frame.n, h))
+        h = dr.select(active, h, mi.Vector3f(0, 0, 1))
+        q |= {"h": h, "cos_theta_h": h.z, "cos_theta_d": dr.select(active, cos_theta_d, 1)}
+    return q, active
+
+
+def _half_vector(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
+    """Half vector, and the cosine of either direction to it.
+
+    Examples
+    --------
+    >>> _half_vector(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))
+    ([[0, 0, 1]], [1])
+    """
+    s = wi + wo
+    squared = dr.squared_norm(s)
+    # wi = -wo has no half vector: the floor makes it 0 instead of NaN (such pairs are below the horizon anyway). Two
+    # cosines of 1e-7 add up to 4e-14; the derivative of the root, 1e30, is within float32.
+    h = s * dr.rsqrt(dr.maximum(squared, 1e-20))
+    # |wi + wo| = 2 cos_theta_d: exact where dot(wi, h) loses digits; at most 1 against rounding.
+    return h, dr.minimum(0.5 * dr.sqrt(squared), 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
@@ -54,6 +55,18 @@ class Material:
         values = {**parameters.initial(self.brdf.parameters), **self.params}
         object.__setattr__(self, "params", parameters.check(self.brdf.parameters, values, "Material"))
 
+    def __reduce__(self):
+        raise TypeError(
+            "Material: not to be pickled, a pickle would run code when it is read and break with the next version. "
+            "Give other processes the file: material.save(path) here, Material.load(path) there."
+        )
+
+    def __copy__(self) -> Material:  # else the copy module would pickle
+        return self.edit()
+
+    def __deepcopy__(self, memo: dict) -> Material:
+        return self.edit()
+
     # ------------------------------------------------------------------ where they come from
 
     @staticmethod
@@ -103,6 +116,9 @@ class Material:
             f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
             f"inputs: {self.brdf.inputs}"
         )
+        undetermined = self.report.get("undetermined")
+        if undetermined and isinstance(undetermined, list):
+            lines.append(f"  not determined by the samples: {', '.join(_by_name(undetermined))}")
         for key, value in self.report.items():
             if isinstance(value, (int, float, str)):
                 lines.append(f"  {key}: {value:.6g}" if isinstance(value, float) else f"  {key}: {value}")
@@ -257,6 +273,18 @@ class Material:
             "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
             "report": self.report,
         }
+
+
+def _by_name(components: list[str]) -> list[str]:
+    """Names of parameters, with the number of their components where there are several.
+
+    Examples
+    --------
+    >>> _by_name(["F0", "latent.03", "latent.07"])
+    ['F0', 'latent (2)']
+    """
+    counts = Counter(str(name).partition(".")[0] for name in components)
+    return [name if n == 1 else f"{name} ({n})" for name, n in counts.items()]
 
 
 def _read_description(text: bytes, where: str) -> dict:

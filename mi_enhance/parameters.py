@@ -174,6 +174,10 @@ class Space:
             return np.where(self._log, np.exp(np.where(self._log, optimised, 0)), optimised)
         return [dr.exp(v) if log else v for v, log in zip(optimised, self._log, strict=True)]
 
+    def slope(self, optimised: np.ndarray) -> np.ndarray:
+        """Derivatives of the physical values, (..., P), with respect to the optimised ones."""
+        return np.where(self._log, self.back(optimised), 1.0)
+
 
 def check(parameters: Sequence[Parameter], values: dict, where: str) -> dict[str, np.ndarray]:
     """Return `values` as float64 arrays of the right size, completed by nothing: every parameter must be there.

@@ -112,8 +112,8 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model 
     ----------
     Heitz 2018, *Sampling the GGX Distribution of Visible Normals*, eqs. (3) and (17).
     """
-    local_i, local_o, active = geometry.local_directions(wi, wo, params)
-    h = geometry.quantities(local_i, local_o)["h"]
+    q, active = geometry.local_quantities(wi, wo, params)
+    local_i, local_o, h = q["wi"], q["wo"], q["h"]
     density = (1 - sum(shares)) * mi.warp.square_to_cosine_hemisphere_pdf(wo)
     for (_, a_x, a_y), share in zip(model.lobes(params), shares, strict=True):
         # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to

@@ -19,7 +19,7 @@ import numpy as np
 
 from . import candidate, models, state
 from .data import Measurements
-from .data._io import digest, replacing
+from .data._io import digest, read_json, replacing
 from .data.training import TrainingSet, build, gather
 from .enhance import EnhancedBRDF
 from .features import INPUTS
@@ -147,7 +147,7 @@ def search(
     prepare(folder, settings, materials, validation)
     setup = candidate.Setup.of(folder)
     log = folder / "stages.jsonl"
-    stages = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+    stages = read_json(log, "search()", ("stage", "current", "best", "candidates"), lines=True) if log.exists() else []
     view = _view(folder, setup, progress)
     with view:
         while not stages or stages[-1]["best"] != stages[-1]["current"]:
@@ -295,7 +295,7 @@ def _stage(setup: candidate.Setup, folder: Path, stages: list[dict], executor: E
         brdf, _ = _state_of(setup, folder, number, tuple(best["digits"]))
         unseen = TrainingSet.read(path)
         terms = "-".join(brdf.model.terms.values()) or "original"
-        start = analytic_start(brdf, unseen, folder / f"validation-{terms}.npy")
+        start = analytic_start(brdf, unseen, folder / f"validation-{terms}.npz")
         stage["validation"] = float(validate(brdf, unseen, start).mean())
     stage["seconds"] = round(time.perf_counter() - begun, 1)
     return stage

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from . import state
 from .candidate import Setup, candidate_folder
+from .data._io import read_json
 
 
 class Silent:
@@ -112,4 +112,4 @@ class LiveTable(Silent):
 
 
 def _read(path: Path) -> dict | None:
-    return json.loads(path.read_text()) if path.exists() else None
+    return read_json(path, "search()", ("loss",)) if path.exists() else None

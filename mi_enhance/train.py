@@ -20,7 +20,8 @@ import numpy as np
 from drjit.opt import Adam
 
 from . import levenberg, nn, parameters
-from .data._io import replacing
+from .data import _npz
+from .data._io import read_json, replacing
 from .data.training import TrainingSet, build
 from .enhance import EnhancedBRDF, enhance
 from .fit import fit_analytic
@@ -176,14 +177,18 @@ class Trainer:
             np.savez(temporary, **{k: np.array(v) for k, v in arrays.items()})
 
     def resume(self, path: Path) -> None:
-        """Go on from a checkpoint, to the bit."""
-        with np.load(path, allow_pickle=False) as stored:
-            self.step, self._start = int(stored["step"]), stored["start"]
-            for key in ("weights", "parameters"):
-                self.optimizer[key] = mi.Float(stored[key])
-                value, promoted, rate, _ = self.optimizer.state[key]
-                state = mi.UInt32(stored[f"{key}_t"]), mi.Float(stored[f"{key}_m"]), mi.Float(stored[f"{key}_v"]), None
-                self.optimizer.state[key] = value, promoted, rate, state
+        """Go on from a checkpoint, to the bit; a ValueError if it is damaged or another network's."""
+        where, keys = f'checkpoint "{path}"', ("weights", "parameters")
+        names = [f"{key}{suffix}" for key in keys for suffix in ("", "_t", "_m", "_v")]
+        stored = _npz.read(path, ["step", "start", *names], where)
+        self.step, self._start = int(_npz.numbers(stored, "step", (), where)), stored["start"]
+        for key in keys:
+            n = (len(self.optimizer[key]),)
+            self.optimizer[key], m, v = (
+                mi.Float(_npz.numbers(stored, f"{key}{suffix}", n, where)) for suffix in ("", "_m", "_v")
+            )
+            value, promoted, rate, _ = self.optimizer.state[key]
+            self.optimizer.state[key] = value, promoted, rate, (mi.UInt32(stored[f"{key}_t"]), m, v, None)
         self.trainable.weights = self.optimizer["weights"]
 
 
@@ -229,9 +234,10 @@ def train(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     file, checkpoint = folder / "config.json", folder / "checkpoint.npz"
-    if checkpoint.exists() and json.loads(file.read_text()) != config:
+    if checkpoint.exists() and read_json(file, "train()") != config:
         raise ValueError(f'train(): "{file}" is of a run with other settings. Choose another folder, or remove it.')
-    file.write_text(json.dumps(config, indent=2) + "\n")
+    with replacing(file) as temporary:
+        Path(temporary).write_text(json.dumps(config, indent=2) + "\n")
     bar = _bar if progress else (lambda items, **_: items)
     read = lambda sources: build(  # noqa: E731
         sources,
@@ -271,8 +277,10 @@ def train(
             if unseen and (last or trainer.step % (every[0] * every[1]) == 0):
                 losses_unseen = _by_kind(unseen.kinds, validate(trainer.result(), unseen, unseen_start))
                 record |= {f"validation {kind}": loss for kind, loss in losses_unseen.items()}
-            with open(folder / "curve.jsonl", "a") as curve:
-                curve.write(json.dumps({**record, "seconds": round(seconds, 1)}) + "\n")
+            curve = [*_curve(folder), {**record, "seconds": round(seconds, 1)}]
+            # all lines at once: a killed run never leaves half a line
+            with replacing(folder / "curve.jsonl") as temporary:
+                Path(temporary).write_text("".join(json.dumps(line) + "\n" for line in curve))
             if progress:
                 steps.set_postfix(loss=f"{mean:.5f}", samples=f"{_rate(trainer, first, seconds):.2f} M/s")
             trainer.save(checkpoint)
@@ -298,7 +306,7 @@ def _has_validation(record: dict) -> bool:
 
 def _curve(folder: Path) -> list[dict]:
     file = folder / "curve.jsonl"
-    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    return read_json(file, "train()", ("step", "loss", "seconds"), lines=True) if file.exists() else []
 
 
 @contextlib.contextmanager
@@ -320,16 +328,17 @@ def _no_collection():
 def analytic_start(brdf: EnhancedBRDF, samples: TrainingSet, cache: Path | None = None) -> np.ndarray:
     """Where the materials start: the best fit of the analytic model, latent numbers at their initial value.
 
-    With `cache`, a ``.npy`` file, the analytic fits are kept there or taken from there.
+    With `cache`, a ``.npz`` file, the analytic fits are kept there or taken from there.
     """
     n = min(_START_SAMPLES, samples.n_samples)
     if cache and cache.exists():
-        analytic = np.load(cache, allow_pickle=False)
+        where, shape = f'analytic fits "{cache}"', (len(samples.names), parameters.count(brdf.model.parameters))
+        analytic = _npz.numbers(_npz.read(cache, ["analytic"], where), "analytic", shape, where).astype(np.float64)
     else:
         analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *first_samples(samples, n), n)
     if cache and not cache.exists():
         with replacing(cache) as temporary:
-            np.save(temporary, analytic)
+            np.savez(temporary, analytic=analytic)
     start = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (len(analytic), 1))
     start[:, : analytic.shape[1]] = analytic
     return start

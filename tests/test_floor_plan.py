@@ -18,7 +18,7 @@ FLOORS = [
     ["compact"],
     ["enhance"],
     ["material", "state", "lean", "sampling", "objective", "levenberg"],
-    ["distil", "prune", "prior", "imitate", "normalise", "bsdfs"],
+    ["distil", "prune", "prior", "imitate", "normalise", "determined", "bsdfs"],
     ["fit"],
     ["specialize"],
     ["train", "inverse", "compare", "doctor", "rivals"],

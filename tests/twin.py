@@ -34,6 +34,11 @@ def frame(n_x, n_y, t_theta):
     return np.stack([t, np.cross(n, t), n], -2)
 
 
+def cosine_d(i, o):
+    """Of half vector and either direction: half the length of their sum, whatever their own lengths round to."""
+    return np.linalg.norm(i + o, axis=-1) / 2
+
+
 def D_ggx(h, alpha_x, alpha_y):
     """Heitz 2014, eq. 85: by tan^2 theta_h (cos^2 phi_h / alpha_x^2 + sin^2 phi_h / alpha_y^2)."""
     slope = ((h[..., 0] / alpha_x) ** 2 + (h[..., 1] / alpha_y) ** 2) / h[..., 2] ** 2
@@ -79,6 +84,15 @@ def D_abc(h, B, C):
     return (1 + 2 * B * np.sin(theta / 2) ** 2) ** -C
 
 
+def D_abc_normalised(h, B, C):
+    """The same over its integral against the cosine, in closed form; C = 1 and C = 2 are its limits."""
+
+    def power(k):  # integral of u^(k - 1) from 1 to 1 + B
+        return np.where(k == 0, np.log1p(B), np.expm1(k * np.log1p(B)) / np.where(k == 0, 1, k))
+
+    return D_abc(h, B, C) * B**2 / (2 * np.pi * ((1 + B) * power(1 - C) - power(2 - C)))
+
+
 def F_dielectric(cos_theta_d, ior):
     """Fresnel's equations with the refracted angle (Snell); cosines below 1e-4 count as 1e-4."""
     c = np.maximum(cos_theta_d, 1e-4)
@@ -93,21 +107,44 @@ def F_cook_torrance(cos_theta_d, F0):
 
 
 def G_v_cavity(wi, wo, h):
-    """Cook and Torrance 1982 by scalar products."""
-    along = np.maximum(np.sum(wi * h, -1), 1e-7)
+    """Cook and Torrance 1982."""
+    along = np.maximum(cosine_d(wi, wo), 1e-7)
     return np.minimum(1, 2 * h[..., 2] / along * np.minimum(wi[..., 2], wo[..., 2]))
 
 
 def D_ashikhmin_shirley(h, n_u, n_v):
-    """Ashikhmin and Shirley 2000, by theta and phi; the 1/4 of their 1 / (8 pi) is left to 1/E."""
+    """Ashikhmin and Shirley 2000, by theta and phi; the 1/4 of their 1 / (8 pi) is left to 1/E.
+
+    Cosines below 1e-4 count as 1e-4.
+    """
     theta, phi = np.arctan2(np.hypot(h[..., 0], h[..., 1]), h[..., 2]), np.arctan2(h[..., 1], h[..., 0])
     exponent = n_u * np.cos(phi) ** 2 + n_v * np.sin(phi) ** 2
-    return np.sqrt((n_u + 1) * (n_v + 1)) / (2 * np.pi) * np.cos(theta) ** exponent
+    return np.sqrt((n_u + 1) * (n_v + 1)) / (2 * np.pi) * np.maximum(np.cos(theta), 1e-4) ** exponent
 
 
 def inv_E_ashikhmin_shirley(cos_theta_d, cos_theta_i, cos_theta_o):
     """Cosines below 1e-4 count as 1e-4."""
     return 0.25 / (np.maximum(cos_theta_d, 1e-4) * np.maximum(np.maximum(cos_theta_i, cos_theta_o), 1e-4))
+
+
+def limits(products, networks):
+    """Largest logarithm each network stands for: 20, or 15 where three or more are factors of one product.
+
+    `products` are the factors of every summand; a network of an operator stands for what is right of it.
+    """
+    result, groups = {}, []
+    for names in products:
+        group = [names[0]]
+        for left, right in zip(names, names[1:], strict=False):
+            if f"{left}*{right}" in networks:
+                groups += [group[:-1] + [f"{left}*{right}"], group[-1:]]
+                group = []
+            group.append(right)
+        groups.append(group)
+    for group in groups:
+        own = [name for name in group if name in networks]
+        result.update(dict.fromkeys(own, 15 if len(own) > 2 else 20))
+    return lambda name: result.get(name, 20)
 
 
 def mlp(layers, x):
@@ -142,6 +179,7 @@ def directional_features(wi, wo, h, alpha_x, alpha_y):
 def brdf(wi, wo, params, networks=None, inputs="symmetric"):
     """f_r (N, 3) of GGX with the slots in `networks` (name -> list of (W, b)) replaced."""
     networks = networks or {}
+    limit = limits([["M"], ["S", "D", "F", "G", "1/E"]], networks)
     wi, wo = np.asarray(wi, np.float64), np.asarray(wo, np.float64)
     n = len(wi)
     p = {}
@@ -164,7 +202,7 @@ def brdf(wi, wo, params, networks=None, inputs="symmetric"):
         if name not in networks:
             return analytic
         x = np.concatenate([constant, varying], -1) if directional else constant
-        return np.exp(np.clip(mlp(networks[name], x), -20, 20))
+        return np.exp(np.clip(mlp(networks[name], x), -limit(name), limit(name)))
 
     def operator(name, a, b):
         if name not in networks:
@@ -172,11 +210,11 @@ def brdf(wi, wo, params, networks=None, inputs="symmetric"):
         a, b = np.broadcast_arrays(a, b)
         x = np.log(np.maximum(np.stack([a, b], -1), 1e-6))
         y = mlp(networks[name], x.reshape(-1, 2)).reshape(a.shape)
-        return np.exp(np.clip(y, -20, 20))
+        return np.exp(np.clip(y, -limit(name), limit(name)))
 
     e = term("1/E", inv_E(i[:, 2], o[:, 2])[:, None])
     g = term("G", G_smith_ggx(i, o, a_x, a_y)[:, None])
-    f = term("F", F_schlick(np.sum(o * h, -1, keepdims=True), p["F0"]))
+    f = term("F", F_schlick(cosine_d(i, o)[:, None], p["F0"]))
     d = term("D", D_ggx(h, a_x, a_y)[:, None])
     s, m = term("S", p["rho_s"], False), term("M", p["rho_d"] / np.pi, False)
     below_s = operator("D*F", d, operator("F*G", f, operator("G*1/E", g, e)))
@@ -186,7 +224,7 @@ def brdf(wi, wo, params, networks=None, inputs="symmetric"):
 
 
 def _lobe_cook_torrance(i, o, h, p):
-    d, f = D_beckmann(h, p["alpha_x"], p["alpha_y"]), F_cook_torrance(np.sum(o * h, -1), p["F0"])
+    d, f = D_beckmann(h, p["alpha_x"], p["alpha_y"]), F_cook_torrance(cosine_d(i, o), p["F0"])
     return p["rho_s"] * (d * f * G_v_cavity(i, o, h) * inv_E(i[:, 2], o[:, 2]) * 4 / np.pi)[:, None]
 
 
@@ -196,12 +234,12 @@ def _lobe_ward(i, o, h, p):
 
 
 def _lobe_abc(i, o, h, p):
-    d, f = D_abc(h, p["B"], p["C"]), F_dielectric(np.sum(o * h, -1), p["ior"])
+    d, f = D_abc(h, p["B"], p["C"]), F_dielectric(cosine_d(i, o), p["ior"])
     return p["A"] * (d * f * G_v_cavity(i, o, h) * inv_E(i[:, 2], o[:, 2]) * 4 / np.pi)[:, None]
 
 
 def _lobe_ashikhmin_shirley(i, o, h, p):
-    cos_d = np.sum(o * h, -1)
+    cos_d = cosine_d(i, o)
     d, f = D_ashikhmin_shirley(h, p["n_u"], p["n_v"]), F_schlick(cos_d, p["F0"])
     return p["rho_s"] * (d * f * inv_E_ashikhmin_shirley(cos_d, i[:, 2], o[:, 2]))[:, None]
 
@@ -214,7 +252,7 @@ def _diffuse_ashikhmin_shirley(i, o, p):
 
 def _lobe_ggx2(i, o, h, p):
     """Two of GGX's with one Fresnel term."""
-    f = F_schlick(np.sum(o * h, -1), p["F0"]) * inv_E(i[:, 2], o[:, 2])
+    f = F_schlick(cosine_d(i, o), p["F0"]) * inv_E(i[:, 2], o[:, 2])
     total = 0
     for k in ("", "2"):
         a_x, a_y = p[f"alpha_x{k}"], p[f"alpha_y{k}"]

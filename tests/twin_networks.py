@@ -36,7 +36,7 @@ def mlp(network, x):
     for w_hidden, b_hidden in hidden:
         a = a @ w_hidden.T + b_hidden
         a = np.maximum(a, twin.SLOPE * a)
-    own = (x[:, : network.n_folded] @ w.T + b).reshape(len(x), -1, a.shape[1] + 1)
+    own = (x[:, : network.n_folded] @ w.T + b).reshape(len(x), len(b) // (a.shape[1] + 1), a.shape[1] + 1)
     return np.einsum("noh,nh->no", own[..., :-1], a) + own[..., -1]
 
 
@@ -64,10 +64,32 @@ def directional_features(i, o, p):
     return np.stack([*columns, p["asymmetry"] * (cos_i - cos_o), p["asymmetry"] * difference / 5], -1)
 
 
+def own_features(name, i, o, p):
+    """What one network sees of the directions with inputs "own": what the term of its slot sees."""
+    s, lobe = i + o, "2" if name.endswith("2") else ""
+    cos_i, cos_o = i[:, 2], o[:, 2]
+    if name[0] == "D":
+        theta, phi = np.arctan2(np.hypot(s[:, 0], s[:, 1]), s[:, 2]), np.arctan2(s[:, 1], s[:, 0])
+        a_x, a_y = p[f"alpha_x{lobe}"], p[f"alpha_y{lobe}"]
+        u, v = (np.sin(theta) * np.cos(phi) / a_x) ** 2, (np.sin(theta) * np.sin(phi) / a_y) ** 2
+        azimuth = (u - v) / (1 + u + v) * (a_y - a_x) / (a_y + a_x)
+        return np.stack([np.sin(theta) ** 2, np.log1p(u + v) / 5, azimuth], -1)
+    if name[0] == "F":
+        return np.stack([twin.cosine_d(i, o), np.sqrt(np.linalg.norm(i - o, axis=1) ** 2 / 4 + 1e-4)], -1)
+    difference = np.log(cos_i + 0.01) - np.log(cos_o + 0.01)
+    columns = [cos_i + cos_o, cos_i * cos_o, np.log(cos_i * cos_o + 1e-4) / 5]
+    columns += [p["asymmetry"] * (cos_i - cos_o), p["asymmetry"] * difference / 5]
+    if name[0] == "G":
+        a_x, a_y = p[f"alpha_x{lobe}"], p[f"alpha_y{lobe}"]
+        t_i, t_o = (((a_x * w[:, 0]) ** 2 + (a_y * w[:, 1]) ** 2) / (w[:, 2] ** 2 + 1e-4) for w in (i, o))
+        columns += [np.log1p(t_i) + np.log1p(t_o), np.log1p(t_i) * np.log1p(t_o)]
+    return np.stack(columns, -1)
+
+
 def terms(model, i, o, p):
     """Analytic value of every term, (n,) or (n, 3)."""
     h = twin.unit(i + o)
-    cos_d, e = np.sum(o * h, -1), twin.inv_E(i[:, 2], o[:, 2])
+    cos_d, e = twin.cosine_d(i, o), twin.inv_E(i[:, 2], o[:, 2])
     result = {"M": p["rho_d"] / np.pi, "S": p["A" if model == "abc" else "rho_s"], "1/E": e}
     if model == "ward":
         root = np.sqrt(np.maximum(i[:, 2], 1e-4) * np.maximum(o[:, 2], 1e-4))
@@ -84,15 +106,17 @@ def terms(model, i, o, p):
     return {**cavity, "D": twin.D_beckmann(h, p["alpha_x"], p["alpha_y"]), "F": twin.F_cook_torrance(cos_d, p["F0"])}
 
 
-def brdf(model, wi, wo, params, networks):
-    """f_r (N, 3) of `model` with the slots in `networks` (name -> network) replaced, inputs "shape"."""
+def brdf(model, wi, wo, params, networks, inputs="shape"):
+    """f_r (N, 3) of `model` with the slots in `networks` (name -> network) replaced, inputs "shape" or "own"."""
     i, o, p, up = twin.local(wi, wo, params)
     constant, varying = constant_features(model, p), directional_features(i, o, p)
     both = np.concatenate([constant, varying], -1)
-    values = terms(model, i, o, p)
+    values, limit = terms(model, i, o, p), twin.limits(FORMULAS[model], networks)
     for name in set(networks) & set(values):
+        if name not in COLOURS and inputs == "own":
+            both = np.concatenate([constant, own_features(name, i, o, p)], -1)
         x = constant if name in COLOURS else both
-        value = np.exp(np.clip(mlp(networks[name], x) + p[f"norm_{name}"][:, None], -20, 20))
+        value = np.exp(np.clip(mlp(networks[name], x) + p[f"norm_{name}"][:, None], -limit(name), limit(name)))
         values[name] = values[name] * value if name in COLOURS else value  # a colour is scaled
     values = {name: v[:, None] if np.ndim(v) == 1 else v for name, v in values.items()}
 
@@ -101,7 +125,7 @@ def brdf(model, wi, wo, params, networks):
             return a + b if "+" in name else a * b
         a, b = np.broadcast_arrays(a, b)
         y = mlp(networks[name], np.log(np.maximum(np.stack([a.ravel(), b.ravel()], -1), 1e-6)))
-        return np.exp(np.clip(y, -20, 20)).reshape(a.shape)
+        return np.exp(np.clip(y, -limit(name), limit(name))).reshape(a.shape)
 
     def product(names):
         first, *rest = names

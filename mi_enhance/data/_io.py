@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
 import tempfile
 from pathlib import Path
@@ -30,6 +31,31 @@ def digest(*parts):
     for part in parts:
         result.update(part)
     return result.hexdigest()[:16]
+
+
+def read_json(path, where, needed=(), *, lines=False):
+    """The object in a JSON file, or (`lines`) the list of those on its lines, each with at least the entries `needed`.
+
+    Raises
+    ------
+    ValueError
+        If the file is no JSON, an object is none, or an entry is missing.
+    """
+    where = f"{where}: {path}"
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        found = [json.loads(line) for line in text.splitlines()] if lines else [json.loads(text)]
+    except (ValueError, RecursionError) as error:  # not JSON, not UTF-8, or nested to break the parser
+        raise ValueError(f"{where} is no JSON ({error}). It is damaged; remove it, or choose another folder.") from None
+    for k, value in enumerate(found):
+        missing = sorted(set(needed) - set(value)) if isinstance(value, dict) else ["everything"]
+        if missing:
+            at = f", line {k + 1}," if lines else ""
+            raise ValueError(
+                f"{where}{at} is no object with the entries {', '.join(needed)}: {missing[0]} is missing. It is "
+                "damaged; remove it, or choose another folder."
+            )
+    return found if lines else found[0]
 
 
 @contextlib.contextmanager

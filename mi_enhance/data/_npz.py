@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 import math
+import os
 import zipfile
 
 import numpy as np
 
-_MAX_BYTES = 2**30  # 1e7 rows of a table are 0.7 GB; anything above is a mistake or a zip bomb
+# 1e7 rows of a table are 0.7 GB; an array above that, and above what lies on the disk, is a mistake or a zip bomb.
+_MAX_BYTES = 2**30
 
 
 def keys(path, where):
@@ -35,16 +37,17 @@ def read(path, wanted, where):
         raise ValueError(f"{where}: the array {min(missing)!r} is missing; needed are {', '.join(wanted)}.")
     try:
         with zipfile.ZipFile(path) as archive:
-            return {name: _member(archive, name) for name in wanted}
+            limit = max(_MAX_BYTES, os.path.getsize(path))
+            return {name: _member(archive, name, limit) for name in wanted}
     except Exception as error:  # as above, and numpy's header parser adds more
         raise ValueError(_damaged(where, error)) from error
 
 
-def _member(archive, name):
+def _member(archive, name, limit):
     """One array, after its header was held against the stored length."""
     size = archive.getinfo(name + ".npy").file_size
-    if size > _MAX_BYTES:
-        raise ValueError(f"{name} has {size} bytes, more than the {_MAX_BYTES} allowed")
+    if size > limit:
+        raise ValueError(f"{name} has {size} bytes, more than the {limit} allowed")
     with archive.open(name + ".npy") as file:
         version = np.lib.format.read_magic(file)
         reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
@@ -77,10 +80,11 @@ def words(arrays, name, where):
     a = arrays[name]
     if a.dtype.kind != "U" or a.ndim != 1 or a.size == 0:
         raise ValueError(f"{where}: {name} is {a.dtype} with shape {a.shape}; a list of strings is needed.")
-    try:
-        return [str(n) for n in a]
-    except (ValueError, SystemError) as error:  # code points beyond Unicode, from flipped bits
-        raise ValueError(_damaged(where, error)) from error
+    # Code points beyond Unicode, from flipped bits: Python makes strings of some, and fails when they are used.
+    codes = np.ascontiguousarray(a.astype(a.dtype.newbyteorder("="))).view(np.uint32) if a.itemsize else np.zeros(0)
+    if (codes > 0x10FFFF).any() or ((codes >= 0xD800) & (codes < 0xE000)).any():
+        raise ValueError(_damaged(where, f"{name} holds characters that do not exist"))
+    return [str(n) for n in a]
 
 
 def _damaged(where, error):

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import Measurements, load, names, nbrdf, nps
+from . import Measurements, _npz, load, names, nbrdf, nps
 from ._io import digest, replacing, require_file
 from .assorted import assorted, warp
 from .sampling import cosine_hemisphere, sample_pairs
@@ -33,6 +33,12 @@ from .synthetic import ggx_anisotropic, two_lobes
 
 # A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.
 HELD_OUT_EVERY = 5
+_NEEDED = {
+    **dict.fromkeys(("nps", "nbrdf", "file"), ("path",)),
+    "nps-mixtures": ("path", "count"),
+    **dict.fromkeys(("synthetic", "two-lobes", "assorted"), ("count",)),
+}
+_MAX_COUNT = 1_000_000  # materials of a source: their samples would be terabytes long before
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +81,22 @@ class TrainingSet:
 
     @staticmethod
     def read(path: Path) -> TrainingSet:
-        """The inverse of :meth:`save`."""
-        with np.load(path, allow_pickle=False) as stored:
-            names, samples = stored["names"].tolist(), stored["samples"]
-            return TrainingSet(names, stored["kinds"].tolist(), samples, samples.shape[1] // len(names))
+        """The inverse of :meth:`save`.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged.
+        """
+        where = f'training set "{path}"'
+        stored = _npz.read(path, ["names", "kinds", "samples"], where)
+        names, kinds = (_npz.words(stored, key, where) for key in ("names", "kinds"))
+        shape = stored["samples"].shape
+        n = shape[-1] // len(names) if shape else 0
+        samples = _npz.numbers(stored, "samples", (9, n * len(names)), where)
+        if n == 0 or len(kinds) != len(names):
+            raise ValueError(f"{where}: {len(names)} names, {len(kinds)} kinds, samples {shape}. Remove the file.")
+        return TrainingSet(names, kinds, samples, n)
 
 
 def gather(materials: list[Measurements], n_samples: int, seed: int) -> TrainingSet:
@@ -142,7 +160,7 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
     file = Path(cache) / f"training-{digest(key.encode())}.npz"
     if file.exists():
         return TrainingSet.read(file)
-    per_source = [_jobs(source, n_samples, seed + 1000 * k) for k, source in enumerate(sources)]
+    per_source = [jobs_of(source, n_samples, seed + 1000 * k) for k, source in enumerate(sources)]
     kinds = [source["kind"] for source, jobs in zip(sources, per_source, strict=True) for _ in jobs]
     jobs = [job for some in per_source for job in some]
     samples = np.empty((9, len(jobs) * n_samples), np.float32)
@@ -157,8 +175,15 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
     return training_set
 
 
-def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
-    """One function per material of a source; each draws its own directions."""
+def jobs_of(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
+    """One function per material of a source; each draws its own directions.
+
+    Raises
+    ------
+    ValueError
+        For a source that is none; the message shows it.
+    """
+    _check_source(source)
     kind = source.get("kind")
     if kind == "nps":
         names, latents, decoder = _nps(source)
@@ -183,6 +208,21 @@ def _jobs(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
         f'training set: kind "{kind}" is unknown. Choose one of: nps, nps-mixtures, nbrdf, synthetic, two-lobes, '
         "assorted, file."
     )
+
+
+def _check_source(source: dict) -> None:
+    """Raise unless what a source of its kind needs is there, and of the right type."""
+    where, kind = f"training set: source {json.dumps(source)[:200]}", source.get("kind")
+    for key in _NEEDED.get(kind, ()) if isinstance(kind, str) else ():
+        if key not in source or (key == "path" and not isinstance(source[key], str)):
+            raise ValueError(f"{where}: {key} is missing, or no text. A source of this kind needs it.")
+    count, held_out, albedo = source.get("count", 1), source.get("held_out", "all"), source.get("albedo", [0, 1])
+    if type(count) is not int or not 0 <= count <= _MAX_COUNT:
+        raise ValueError(f"{where}: count must be a whole number up to {_MAX_COUNT:,}; got {str(count)[:40]}.")
+    if held_out not in ("all", "without", "only"):
+        raise ValueError(f'{where}: held_out must be "all", "without" or "only"; got {str(held_out)[:40]}.')
+    if not (isinstance(albedo, list) and len(albedo) == 2 and all(type(v) in (int, float) for v in albedo)):
+        raise ValueError(f"{where}: albedo must be [low, high]; got {str(albedo)[:40]}.")
 
 
 def _nps(source: dict):

@@ -149,7 +149,7 @@ class Run:
         settings = {**DEFAULTS, "batch": 32, "steps": round(self.epochs * shared.steps / self.args.epochs)}
         samples, aside = shared.samples
         brdf = with_residual(self.args.model, RESIDUALS[name], n_latent=settings["n_latent"])
-        start = analytic_start(brdf, samples, folder.with_suffix(".npy"))
+        start = analytic_start(brdf, samples, folder.with_suffix(".npz"))
         folder.mkdir(exist_ok=True)
         trainer = Trainer(brdf, samples, settings, start)
         candidate.run(trainer, folder / "checkpoint.npz", lambda losses: print(name, len(losses), flush=True))
@@ -162,7 +162,7 @@ class Run:
             "cost": brdf.multiply_adds / 1000,
             "epochs": self.epochs,
             "loss": candidate.judge(brdf, values, aside),
-            "validation": float(validate(brdf, unseen, analytic_start(brdf, unseen, folder / "unseen.npy")).mean()),
+            "validation": float(validate(brdf, unseen, analytic_start(brdf, unseen, folder / "unseen.npz")).mean()),
         }
         return row | self._rgl(Material(brdf, {}, library=values[representative(samples.kinds)]), folder)
 
