@@ -10,6 +10,7 @@ from .data._io import replacing
 from .picture import sheet
 from .table import cells
 
+_ROUNDING = 1e-4  # below this an error is float32: the measured file held against itself
 _STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:100em;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-size:13px}td,th{padding:.25em .6em;border-bottom:1px solid #ddd;text-align:right}
 td:first-child,th:first-child{text-align:left}tr:hover{background:#f4f4f4}img{max-width:100%}"""
@@ -31,15 +32,21 @@ def draw_pareto(rows: list[dict], path: str | Path, *, title: str) -> None:
     >>> rows = [{"label": "GGX", "log_l1": 0.03, "eval_ns": 7.0, "ball_ratio": 1.0}]
     >>> draw_pareto(rows, "pareto.png", title="test")  # doctest: +SKIP
     """
-    rows = [row for row in rows if row["log_l1"] > 1e-6]  # the truth itself has none: it stands as a line
     with sheet(path, (15, 6.5), 100) as figure:
         left, right = figure.subplots(1, 2)
         _front(left, rows, "eval_ns", lambda v: v, "ns per evaluation in a kernel of 2^20 lanes")
         _front(right, rows, "ball_ratio", lambda v: 1 / v, "time of a frame of the shader ball, GGX in Python = 1")
+        handles, labels = right.get_legend_handles_labels()  # of both: the numbers are the same
+        order = sorted(range(len(labels)), key=lambda i: int(labels[i].split()[0]))
+        right.legend([handles[i] for i in order], [labels[i] for i in order], fontsize=7)
         figure.suptitle(title, fontsize=10)
 
 
 def _front(axes, rows: list[dict], key: str, cost, label: str) -> None:
+    exact = [row for row in rows if row["log_l1"] < _ROUNDING]
+    for row in exact:
+        axes.axvline(cost(row[key]), color="0.5", ls="--", lw=1, label=f"0  {row['label']} (the truth itself)")
+    rows = [row for row in rows if row not in exact]
     points = sorted((cost(row[key]), row["log_l1"], k + 1) for k, row in enumerate(rows) if key in row)
     lowest, front = float("inf"), []
     for x, y, _ in points:
@@ -54,9 +61,6 @@ def _front(axes, rows: list[dict], key: str, cost, label: str) -> None:
         axes.annotate(str(k), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
     axes.set(xlabel=label, ylabel="log-L1 on unseen samples", xscale="log", yscale="log")
     axes.grid(alpha=0.3, which="both")
-    handles, labels = axes.get_legend_handles_labels()
-    order = sorted(range(len(labels)), key=lambda i: int(labels[i].split()[0]))
-    axes.legend([handles[i] for i in order], [labels[i] for i in order], fontsize=7)
 
 
 def write_page(result: dict, path: str | Path, columns: dict, growth_columns: dict) -> None:
