@@ -79,3 +79,10 @@ def peak_gflops(size: int = 2048, rounds: int = 5) -> float:
     """GFLOP/s of a product of two float32 matrices in NumPy: what the cores do at best."""
     a = np.random.default_rng(0).random((size, size), np.float32)
     return 2 * size**3 / min(interleaved({"": lambda: a @ a}, rounds)[""]) / 1e9
+
+
+def peak_megabytes() -> float | None:
+    """Largest memory of this process; only Linux tells. ``getrusage`` would count the parent's, before the exec."""
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), None)

@@ -11,7 +11,6 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 
 import mitsuba as mi
 
@@ -113,11 +112,4 @@ def _run() -> float:
 def _first(variant: str, make: Callable, *args, **kwargs) -> tuple[float, float | None]:
     mi.set_variant(variant)
     seconds, _ = timing.clock(lambda: make(*args, **kwargs)())
-    return seconds, _peak_megabytes()
-
-
-def _peak_megabytes() -> float | None:
-    """Largest memory of this process; only Linux tells. ``getrusage`` would count the parent's, before the exec."""
-    status = Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), None)
+    return seconds, timing.peak_megabytes()

@@ -16,7 +16,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, machine
+from common import finish
+
+from mi_enhance.timing import machine
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # the tests: cases and twin
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -17,7 +16,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish, machine
+from common import finish
+
+from mi_enhance.timing import machine, peak_megabytes
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # the tests: readers and damage
 
@@ -85,7 +86,7 @@ def _try(reader: str, folder: Path, inputs: int, seed: int) -> dict:
     path.write_bytes(content)
     assert fuzzing.attempt(reader, path) == "read", reader  # what is damaged below was whole
     rng = np.random.default_rng(seed)
-    result = {"tried": 0, "read": 0, "refused": 0, "wrong": 0, "megabytes_before": _megabytes()}
+    result = {"tried": 0, "read": 0, "refused": 0, "wrong": 0, "megabytes_before": peak_megabytes()}
     for _ in range(inputs):
         damaged = fuzzing.damage(content, rng)
         path.write_bytes(damaged)
@@ -97,12 +98,7 @@ def _try(reader: str, folder: Path, inputs: int, seed: int) -> dict:
             kept = folder / f"wrong-{result['tried']}-{path.name}"
             kept.write_bytes(damaged)
             print(f"{reader}: {outcome[:300]} ({kept})", file=sys.stderr, flush=True)
-    return result | {"megabytes": _megabytes()}
-
-
-def _megabytes() -> float:
-    """Most memory this process has held."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return result | {"megabytes": peak_megabytes()}
 
 
 if __name__ == "__main__":
