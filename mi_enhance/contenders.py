@@ -23,7 +23,8 @@ from .specialize import SIZES, specialize
 
 REFERENCE = "GGX in Python"
 EXACT = "enhanced, exact"
-_NETWORKS = {"enhanced ggx": "ggx", "the paper's network": "paper"}
+_PAPER = "the paper's network"
+_NETWORKS = {"enhanced ggx": "ggx", _PAPER: "paper"}
 
 
 class Contender(NamedTuple):
@@ -69,36 +70,44 @@ def contenders(
     >>> contenders(path, measurements, Path("out/bench"))  # doctest: +SKIP
     """
 
-    def kept(name: str, compute: Callable) -> Material:
-        file = folder / f"{name}.bsdf"
+    def kept(name: str, suffix: str, write: Callable) -> Path:
+        """The file of a fit; `write` makes it where no earlier call has."""
+        file = folder / f"{name}.{suffix}"
         if not file.exists():
             log(f"{measurements.name}: {name}")
-            compute().save(file)
-        return Material.load(file)
+            with replacing(file) as temporary:
+                write(Path(temporary))
+        return file
+
+    def ours(name: str, compute: Callable) -> Path:
+        return kept(name, "bsdf", lambda path: compute().save(path))
 
     folder.mkdir(parents=True, exist_ok=True)
-    ggx = kept("ggx_analytic", lambda: fit(Material.analytic("ggx"), measurements, seed=seed))
-    exact = kept("ggx2", lambda: fit(Material.network(), measurements, seed=seed))
-    result = {
-        REFERENCE: _ours(folder / "ggx_analytic.bsdf", ggx),
-        **{name: _mitsuba(name, measurements, folder, seed, log) for name in rivals.MITSUBA},
-        EXACT: _ours(folder / "ggx2.bsdf", exact),
-        f"{EXACT}, not folded": _ours(folder / "ggx2.bsdf", exact, latent_in_kernel=True),
-        f"{EXACT}, cooperative": _ours(folder / "ggx2.bsdf", exact, evaluators="cooperative"),
+    ggx = ours("ggx_analytic", lambda: fit(Material.analytic("ggx"), measurements, seed=seed))
+    lobe = Material.load(ggx)
+    exact = ours("ggx2", lambda: fit(Material.network(), measurements, seed=seed))
+    m = Material.load(exact)
+    result = {REFERENCE: _ours(ggx)}
+    for plugin in rivals.MITSUBA:
+        result[plugin] = _mitsuba(
+            plugin, kept(plugin, "json", lambda path, p=plugin: _fit_mitsuba(path, p, measurements, seed))
+        )
+    result |= {
+        EXACT: _ours(exact),
+        f"{EXACT}, not folded": _ours(exact, unfolded=True),
+        f"{EXACT}, cooperative": _ours(exact, evaluators="cooperative"),
+        "specialised, max error 0.001": _ours(ours("specialised", lambda: specialize(m, seed=seed))),
     }
-    fast = kept("specialised", lambda: specialize(exact, seed=seed))
-    result["specialised, max error 0.001"] = _ours(folder / "specialised.bsdf", fast)
     for size in SIZES:
-        m = kept(f"specialised_{size}", lambda size=size: specialize(exact, measurements, size=size, seed=seed))
-        result[f"specialised on the file, {size}-{size}"] = _ours(folder / f"specialised_{size}.bsdf", m)
+        file = ours(f"specialised_{size}", lambda size=size: specialize(m, measurements, size=size, seed=seed))
+        result[f"specialised on the file, {size}-{size}"] = _ours(file)
     for label, network in _NETWORKS.items():
-        m = kept(network, lambda n=network: fit(Material.network(n), measurements, seed=seed))
-        result[label] = _ours(folder / f"{network}.bsdf", m)
-    result["the paper's network, cooperative"] = _ours(
-        folder / "paper.bsdf", Material.load(folder / "paper.bsdf"), evaluators="cooperative"
-    )
-    result["NBRDF"] = _nbrdf(measurements, folder, seed, log)
-    result["GGX and a residual network"] = _residual(ggx, measurements, folder, seed, log)
+        file = ours(network, lambda n=network: fit(Material.network(n), measurements, seed=seed))
+        result[label] = _ours(file)
+    result[f"{_PAPER}, cooperative"] = _ours(file, evaluators="cooperative")
+    result["NBRDF"] = _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), ggx)
+    file = kept("residual", "npz", lambda path: _train_residual(path, lobe, measurements, seed))
+    result["GGX and a residual network"] = _residual(file, ggx)
     spec = {"type": "measured", "filename": str(path)}
     result["measured"] = Contender(_load, spec, path.stat().st_size, 0, 0, None)
     return result
@@ -161,57 +170,55 @@ def _layers(file: str) -> list:
         return [(stored[f"W{k}"], stored[f"b{k}"]) for k in range((len(stored.files) - 1) // 2)]
 
 
-def _ours(file: Path, m: Material, *, latent_in_kernel: bool = False, evaluators: str | None = None) -> Contender:
+def _ours(file: Path, *, unfolded: bool = False, evaluators: str | None = None) -> Contender:
+    m = Material.load(file)
     report, brdf = m.report, m.brdf
     own = sum(4 * c.n_weights for c in brdf.compact)
     return Contender(
-        _load_unfolded if latent_in_kernel else _load,
+        _load_unfolded if unfolded else _load,
         {"type": "enhanced", "filename": str(file), **({"evaluators": evaluators} if evaluators else {})},
         m.n_bytes + own,
         0 if brdf.compact else 4 * brdf.n_weights,
         brdf.multiply_adds,
         report["seconds"] + report.get("specialize_seconds", 0),
-        not brdf.compact and not latent_in_kernel,
+        not brdf.compact and not unfolded,
     )
 
 
-def _mitsuba(name: str, measurements: Measurements, folder: Path, seed: int, log: Callable) -> Contender:
-    file = folder / f"{name}.json"
-    if not file.exists():
-        log(f"{measurements.name}: {name}")
-        spec, seconds = rivals.fit_mitsuba(name, measurements, seed=seed)
-        with replacing(file) as temporary:
-            Path(temporary).write_text(json.dumps({"spec": spec, "seconds": seconds}, indent=1))
+def _fit_mitsuba(path: Path, plugin: str, measurements: Measurements, seed: int) -> None:
+    spec, seconds = rivals.fit_mitsuba(plugin, measurements, seed=seed)
+    path.write_text(json.dumps({"spec": spec, "seconds": seconds}, indent=1))
+
+
+def _mitsuba(plugin: str, file: Path) -> Contender:
     stored = json.loads(file.read_text())
-    n = sum(n for *_, n in rivals.MITSUBA[name].values())
+    n = sum(n for *_, n in rivals.MITSUBA[plugin].values())
     return Contender(_load, stored["spec"], 4 * n, 0, 0, stored["seconds"])
 
 
-def _nbrdf(measurements: Measurements, folder: Path, seed: int, log: Callable) -> Contender:
-    file = folder / "nbrdf.npz"
-    if not file.exists():
-        log(f"{measurements.name}: NBRDF")
-        network, seconds = rivals.train_nbrdf(measurements, seed=seed)
-        with replacing(file) as temporary:
-            np.savez(temporary, **network, seconds=seconds, highest=measurements.f.max())
+def _train_nbrdf(path: Path, measurements: Measurements, seed: int) -> None:
+    network, seconds = rivals.train_nbrdf(measurements, seed=seed)
+    np.savez(path, **network, seconds=seconds, highest=measurements.f.max())
+
+
+def _nbrdf(file: Path, lobe: Path) -> Contender:
     with np.load(file, allow_pickle=False) as stored:
         seconds = float(stored["seconds"])
         n, products = (sum(stored[k].size for k in stored if k[0] in first) for first in ("Wb", "W"))
-    spec = {"type": "nbrdf", "network": str(file), "lobe": str(folder / "ggx_analytic.bsdf")}
+    spec = {"type": "nbrdf", "network": str(file), "lobe": str(lobe)}
     return Contender(_load_nbrdf, spec, 4 * n, 0, products, seconds)
 
 
-def _residual(ggx: Material, measurements: Measurements, folder: Path, seed: int, log: Callable) -> Contender:
-    file = folder / "residual.npz"
-    if not file.exists():
-        log(f"{measurements.name}: GGX and a residual network")
-        layers, seconds = rivals.train_residual(ggx, measurements, seed=seed)
-        arrays = {f"{letter}{k}": v for k, layer in enumerate(layers) for letter, v in zip("Wb", layer, strict=True)}
-        with replacing(file) as temporary:
-            np.savez(temporary, **arrays, seconds=seconds + ggx.report["seconds"])
+def _train_residual(path: Path, lobe: Material, measurements: Measurements, seed: int) -> None:
+    layers, seconds = rivals.train_residual(lobe, measurements, seed=seed)
+    arrays = {f"{letter}{k}": v for k, layer in enumerate(layers) for letter, v in zip("Wb", layer, strict=True)}
+    np.savez(path, **arrays, seconds=seconds + lobe.report["seconds"])
+
+
+def _residual(file: Path, lobe: Path) -> Contender:
     layers = _layers(str(file))
     with np.load(file, allow_pickle=False) as stored:
         seconds = float(stored["seconds"])
     n, products = sum(w.size + b.size for w, b in layers), sum(w.size for w, _ in layers)
-    spec = {"type": "residual", "network": str(file), "lobe": str(folder / "ggx_analytic.bsdf")}
-    return Contender(_load_residual, spec, ggx.n_bytes + 4 * n, 0, products, seconds)
+    spec = {"type": "residual", "network": str(file), "lobe": str(lobe)}
+    return Contender(_load_residual, spec, Material.load(lobe).n_bytes + 4 * n, 0, products, seconds)

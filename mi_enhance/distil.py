@@ -49,6 +49,22 @@ def forward(layers: Layers, x: np.ndarray) -> np.ndarray:
     return _forward(layers, x)[0]
 
 
+def on_raw_inputs(layers: Layers, mean: np.ndarray, std: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The same network, float32, for inputs as they are: it was trained on (x - mean) / std.
+
+    Examples
+    --------
+    >>> layers = on_raw_inputs([(np.array([[1.0]]), np.array([2.0]))], np.array([3.0]), np.array([4.0]))
+    >>> forward(layers, np.array([[3.0]]))
+    array([[2.]])
+    """
+    n, result = len(mean), []
+    for w, b in layers:
+        own = w[:, :n] / std
+        result.append((np.append(own, w[:, n:], 1).astype(np.float32), (b - own @ mean).astype(np.float32)))
+    return result
+
+
 def train(layers: Layers, x: np.ndarray, residuals: Callable, *, steps: int) -> tuple[Layers, float]:
     """Minimise the sum of the mean absolute residuals over all weights.
 

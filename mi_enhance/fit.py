@@ -216,19 +216,39 @@ def _rmsprop(
     problem = objective(brdf, measurements)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
     optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to(first).astype(np.float32))})
-    space = parameters.Space(brdf.parameters, _held(reciprocal))
+
+    def report(step, loss):
+        if step % 50 == 0:
+            callback("rmsprop", step, float(dr.mean(loss)[0]))
+
+    u = descend(problem, optimizer, parameters.Space(brdf.parameters, _held(reciprocal)), epochs, report)
+    return problem.space.back(u), float(problem.loss(u[None])[0])
+
+
+def descend(problem: Objective, optimizer, space: parameters.Space, steps: int, callback: Callable) -> np.ndarray:
+    """Take steps with gradients of all samples inside the box of `space`, and return the parameters, (P,).
+
+    Parameters
+    ----------
+    problem : Objective
+        Of one material.
+    optimizer : drjit.opt.Optimizer
+        Whose variable ``"u"`` holds the start.
+    space : parameters.Space
+    steps : int
+    callback : callable
+        ``callback(step, loss)`` after every step, with the loss of each sample before it.
+    """
     low, high = (mi.Float(v.astype(np.float32)) for v in (space.low, space.high))
-    for step in range(epochs):
+    for step in range(steps):
         flat = mi.Float(dr.detach(optimizer["u"]))
         dr.enable_grad(flat)
         loss, gradient = problem.gradient(flat)
         dr.set_grad(optimizer["u"], gradient)
         optimizer.step()
         optimizer["u"] = dr.clip(dr.detach(optimizer["u"]), low, high)
-        if step % 50 == 0:
-            callback("rmsprop", step, float(dr.mean(loss)[0]))
-    u = np.array(dr.detach(optimizer["u"]), np.float64)[None]
-    return problem.space.back(u[0]), float(problem.loss(u)[0])
+        callback(step, loss)
+    return np.array(dr.detach(optimizer["u"]), np.float64)
 
 
 def fit_analytic(brdf: EnhancedBRDF, wi, wo, f, n: int) -> np.ndarray:

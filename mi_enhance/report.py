@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import data, scene, timing
+from .bsdfs.function import reflectance
 from .compare import compare
 from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
 from .data._io import material_name, replacing, require_file
@@ -156,18 +157,11 @@ def _errors(fitted: Mapping[str, Contender], unseen, folder: Path, resolution, s
         keys = ("ssim", "delta_E_ITP_1000", "mean_abs_log")
         result = {row["label"]: {k: row[k] for k in keys} for row in rows}
         for label, bsdf in {**bsdfs, "measured": truth}.items():
-            value = _evaluate(bsdf, unseen.wi, unseen.wo)
-            result[label]["log_l1"] = log_l1(value / unseen.wo[:, 2:], unseen.f, unseen.wo[:, 2])
+            f = reflectance(bsdf, unseen.wi, unseen.wo)
+            result[label]["log_l1"] = log_l1(f, unseen.f, unseen.wo[:, 2])
         with replacing(file) as temporary:
             Path(temporary).write_text(json.dumps(result, indent=1))
     return json.loads(file.read_text())
-
-
-def _evaluate(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    """Value times cosine, (N, 3)."""
-    si = mi.SurfaceInteraction3f()
-    si.wi = mi.Vector3f(np.ascontiguousarray(wi.T))
-    return np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(np.ascontiguousarray(wo.T)))).T
 
 
 def _row(label: str, fitted: list[Contender], errors: list[dict]) -> dict:

@@ -202,12 +202,7 @@ def train_residual(lobe: Material, measurements: Measurements, *, seed: int = 0)
 
     layers = distil.first((x.shape[1], *_RESIDUAL_HIDDEN, 3), np.zeros(3), rng)
     layers, _ = distil.train(layers, (x - mean) / std, residuals, steps=60)
-    own = [w[:, : x.shape[1]] / std for w, _ in layers]  # the standardisation goes into the weights
-    result = [
-        (np.append(a, w[:, x.shape[1] :], 1).astype(np.float32), (b - a @ mean).astype(np.float32))
-        for a, (w, b) in zip(own, layers, strict=True)
-    ]
-    return result, time.perf_counter() - start
+    return distil.on_raw_inputs(layers, mean, std), time.perf_counter() - start
 
 
 def residual_function(lobe: Material, layers: list) -> Callable:

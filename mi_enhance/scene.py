@@ -116,7 +116,7 @@ def spheres(bsdfs, *, resolution=256, spp=64, max_depth=6):
     """
     columns = math.ceil(math.sqrt(len(bsdfs)))
     rows = math.ceil(len(bsdfs) / columns)
-    scale = mi.ScalarTransform4f
+    transform = mi.ScalarTransform4f
     balls = {
         f"ball_{k}": {
             "type": "sphere",
@@ -133,7 +133,7 @@ def spheres(bsdfs, *, resolution=256, spp=64, max_depth=6):
             "sensor": {
                 "type": "perspective",
                 "fov": 40,
-                "to_world": scale().look_at(
+                "to_world": transform().look_at(
                     origin=[0, 2.4 + 1.8 * rows, 2.5 + 2.2 * columns], target=middle, up=[0, 1, 0]
                 ),
                 "sampler": {"type": "independent", "sample_count": spp},
@@ -141,7 +141,7 @@ def spheres(bsdfs, *, resolution=256, spp=64, max_depth=6):
             },
             "ground": {
                 "type": "disk",
-                "to_world": scale().translate([0, 0, middle[2]]).rotate([1, 0, 0], -90).scale(8 + 3 * columns),
+                "to_world": transform().translate([0, 0, middle[2]]).rotate([1, 0, 0], -90).scale(8 + 3 * columns),
                 "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.3}},
             },
             "light": {"type": "envmap", "filename": str(scene_file("envmaps/apartment.exr"))},

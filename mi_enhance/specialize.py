@@ -143,12 +143,7 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
     layers, _ = distil.train(min(trials, key=lambda t: t[1])[0], x, training.of_factors, steps=40)
     if learned:
         layers, _ = distil.train(layers, (learned.columns(inputs) - mean) / std, learned.of_truth, steps=20)
-    # The inputs as they are: the standardisation goes into the weights.
-    result = []
-    for w, b in layers:
-        own = w[:, : len(inputs)] / std
-        result.append((np.append(own, w[:, len(inputs) :], 1).astype(np.float32), (b - own @ mean).astype(np.float32)))
-    return Compact(training.slots, inputs, tuple(result))
+    return Compact(training.slots, inputs, tuple(distil.on_raw_inputs(layers, mean, std)))
 
 
 def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):

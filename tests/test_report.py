@@ -10,6 +10,7 @@ import mi_enhance as me  # before mitsuba
 import mitsuba as mi  # isort: skip
 import numpy as np
 import pytest
+from mi_enhance.bsdfs.function import of_function, reflectance
 
 from mi_enhance import Material, data, rivals, scene
 from mi_enhance.data import nbrdf
@@ -20,36 +21,26 @@ ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "data/rgl/satin_rosaline_rgb.bsdf"
 
 
-def evaluate(bsdf, wi, wo):
-    si = mi.SurfaceInteraction3f()
-    si.wi = mi.Vector3f(np.ascontiguousarray(wi.T))
-    return np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(np.ascontiguousarray(wo.T)))).T / wo[:, 2:]
-
-
 def measurements(f, n=3000):
     wi, wo = sample_pairs(n, seed=0)
     return data.Measurements(wi, wo, f(wi, wo), "made up")
 
 
 def test_nbrdf_in_drjit_is_the_reader_s(llvm):
-    from mi_enhance.bsdfs.function import of_function
-
     names, networks = nbrdf.read_networks(ROOT / "data/nbrdf/merl.npz")
     network = {k: w[names.index("gold-metallic-paint")] for k, w in networks.items()}
     wi, wo = sample_pairs(2000, seed=1)
-    ours = evaluate(of_function(rivals.nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)
+    ours = reflectance(of_function(rivals.nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)
     np.testing.assert_allclose(ours, nbrdf.decode(network, wi, wo), rtol=2e-3, atol=1e-4)
 
 
 def test_a_residual_network_is_better_than_what_it_is_added_to(llvm):
-    from mi_enhance.bsdfs.function import of_function
-
     m = data.load(FILE, n_samples=6000)
     unseen = data.load(FILE, n_samples=3000, seed=1)
     lobe = me.fit(Material.analytic("ggx"), m)
     layers, _ = rivals.train_residual(lobe, m)
-    both = evaluate(of_function(rivals.residual_function(lobe, layers), lobe), unseen.wi, unseen.wo)
-    alone = evaluate(lobe.bsdf(), unseen.wi, unseen.wo)
+    both = reflectance(of_function(rivals.residual_function(lobe, layers), lobe), unseen.wi, unseen.wo)
+    alone = reflectance(lobe.bsdf(), unseen.wi, unseen.wo)
     errors = [log_l1(f, unseen.f, unseen.wo[:, 2]) for f in (both, alone)]
     assert (both >= 0).all() and errors[0] < 0.8 * errors[1]
 
@@ -57,7 +48,9 @@ def test_a_residual_network_is_better_than_what_it_is_added_to(llvm):
 def test_a_bsdf_of_mitsuba_is_found_again(llvm):
     truth = {"type": "roughconductor", "distribution": "ggx", "material": "none", "alpha": 0.23}
     truth["specular_reflectance"] = {"type": "rgb", "value": [0.7, 0.4, 0.2]}
-    spec, _ = rivals.fit_mitsuba("roughconductor", measurements(lambda wi, wo: evaluate(mi.load_dict(truth), wi, wo)))
+    spec, _ = rivals.fit_mitsuba(
+        "roughconductor", measurements(lambda wi, wo: reflectance(mi.load_dict(truth), wi, wo))
+    )
     assert spec["alpha"] == pytest.approx(0.23, abs=2e-3)
     np.testing.assert_allclose(spec["specular_reflectance"]["value"], [0.7, 0.4, 0.2], atol=5e-3)
 
@@ -67,14 +60,14 @@ def test_principled_fits_paint_better_than_a_conductor(llvm):
     errors = {}
     for plugin in rivals.MITSUBA:
         spec, _ = rivals.fit_mitsuba(plugin, m)
-        errors[plugin] = log_l1(evaluate(mi.load_dict(spec), m.wi, m.wo), m.f, m.wo[:, 2])
+        errors[plugin] = log_l1(reflectance(mi.load_dict(spec), m.wi, m.wo), m.f, m.wo[:, 2])
     assert errors["principled"] < 0.5 * errors["roughconductor"]
 
 
 def test_the_evaluators_can_be_chosen(llvm):
     wi, wo = sample_pairs(500, seed=0)
     spec = Material.network("ggx").to_dict()
-    values = [evaluate(mi.load_dict({**spec, "evaluators": kind}), wi, wo) for kind in ("baked", "cooperative")]
+    values = [reflectance(mi.load_dict({**spec, "evaluators": kind}), wi, wo) for kind in ("baked", "cooperative")]
     np.testing.assert_allclose(*values, rtol=1e-3, atol=1e-5)
     with pytest.raises(Exception, match="baked, cooperative"):
         mi.load_dict({**spec, "evaluators": "fast"})

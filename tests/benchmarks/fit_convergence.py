@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from mi_enhance import Material, data, fit, parameters
 from mi_enhance.enhance import EnhancedBRDF
-from mi_enhance.fit import objective
+from mi_enhance.fit import descend, objective
 from mi_enhance.picture import sheet
 from mi_enhance.timing import clock, machine
 
@@ -81,18 +81,14 @@ def _methods(measurements, steps: int) -> dict:
         total, material = clock(lambda: fit(network, measurements))
         return [(total, material.report["log_l1"])]
 
-    def descend(make, n):
-        optimizer = make({"u": mi.Float(first.astype(np.float32))})
-        low, high = (mi.Float(v.astype(np.float32)) for v in (problem.space.low, problem.space.high))
+    def by_steps(make, n):
         curve, start = [], time.perf_counter()
-        for _ in range(n):
-            flat = mi.Float(dr.detach(optimizer["u"]))
-            dr.enable_grad(flat)
-            loss, gradient = problem.gradient(flat)
+        optimizer = make({"u": mi.Float(first.astype(np.float32))})
+
+        def report(_, loss):
             curve.append((seconds + time.perf_counter() - start, float(dr.mean(loss)[0])))
-            dr.set_grad(optimizer["u"], gradient)
-            optimizer.step()
-            optimizer["u"] = dr.clip(dr.detach(optimizer["u"]), low, high)
+
+        descend(problem, optimizer, problem.space, n, report)
         return curve
 
     def lbfgs(n):
@@ -117,7 +113,7 @@ def _methods(measurements, steps: int) -> dict:
         return curve
 
     runs = {"Levenberg-Marquardt, many starts": lm}
-    runs |= {label: (lambda n, make=make: descend(make, n)) for label, make in _OPTIMISERS.items()}
+    runs |= {label: (lambda n, make=make: by_steps(make, n)) for label, make in _OPTIMISERS.items()}
     return {**runs, "L-BFGS (SciPy)": lbfgs}
 
 
