@@ -126,6 +126,7 @@ def _draw(curves: dict, path: Path) -> None:
                     x, y = zip(*curve, strict=True)
                     axes.plot(x, np.minimum.accumulate(y), "*" if len(x) == 1 else "-", ms=12, label=label)
             axes.set(xlabel="seconds", ylabel="log-L1", xscale="log", yscale="log", title=f"{n:,} samples")
+            axes.tick_params(axis="x", which="minor", labelbottom=False)  # they would run into each other
             axes.grid(alpha=0.3, which="both")
             axes.legend(fontsize=7)
 
