@@ -83,6 +83,7 @@ Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import drjit as dr
@@ -187,10 +188,14 @@ class Enhanced(mi.BSDF):
             self.m_spectra = {name: _upsample(self.m_values[name]) for name in self.m_colours if name in self.m_values}
         # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
         constants = dr.detach(self._constants())
-        self.m_folded = self.m_shares = None
-        if not self.m_textures.keys() & set(self.m_brdf.read_by_networks):
+        self.m_folded = self.m_begun = self.m_shares = None
+        read = self.m_brdf.read_by_networks
+        if not self.m_textures.keys() & set(read):
             self.m_folded = self.m_brdf.fold(constants, self.m_full.evaluators)
             dr.make_opaque(self.m_folded)
+        else:
+            self.m_begun = self.m_brdf.begin_fold(_parts(self.m_brdf, constants, self.m_values), self.m_full.evaluators)
+            dr.make_opaque(self.m_begun)
         if not self.m_textures:
             present = {name: v for name, v in constants.items() if name not in self.m_lean.left_out}
             self.m_shares = sampling.shares(present, self.m_lobe_albedo, self.m_brdf.model)
@@ -232,9 +237,12 @@ class Enhanced(mi.BSDF):
                 value = _rgb(texture, si, active) if p.name in self.m_colours else texture.eval_1(si, active)
                 # A texture may hold anything: roughness 0 or a negative F0 would give NaN.
                 params[p.name] = dr.clip(value, p.low, p.high)
-        folded = self.m_folded
-        if folded is None or dr.grad_enabled([params[name] for name in form.brdf.read_by_networks]):
+        folded, read = self.m_folded, form.brdf.read_by_networks
+        if dr.grad_enabled([params[name] for name in read if name in self.m_values]):
             folded = form.brdf.fold(params, form.evaluators)
+        elif folded is None:  # what is the same everywhere has been folded before
+            textured = _parts(self.m_brdf, params, self.m_textures)
+            folded = form.brdf.fold(textured, form.evaluators, self.m_begun)
         return form, {name: v for name, v in params.items() if name not in form.left_out}, folded
 
     def _spectral(self, params: dict, si: mi.SurfaceInteraction3f, active) -> dict:
@@ -333,6 +341,13 @@ def _evaluators(props: mi.Properties) -> type:
     if name not in kinds:
         raise ValueError(f'bsdf "enhanced": evaluators "{name}" is unknown. Choose one of: {", ".join(kinds)}.')
     return kinds[name]
+
+
+def _parts(brdf: EnhancedBRDF, params: dict, names: Collection[str]) -> dict:
+    """Parameters in which all but `names` are unknown, as :meth:`EnhancedBRDF.begin_fold` takes them."""
+    listed = lambda p: p.is_colour or p.name == "latent"  # noqa: E731
+    unknown = {p.name: [None] * p.size if listed(p) else None for p in brdf.parameters}
+    return unknown | {name: params[name] for name in names}
 
 
 def _rgb(texture: mi.Texture, si: mi.SurfaceInteraction3f, active) -> mi.Color3f:

@@ -113,7 +113,7 @@ class EnhancedBRDF:
         """One evaluator per slot: ``nn.Baked`` or ``nn.Cooperative``."""
         return {slot: kind(mlp) for slot, mlp in self.evaluated.items()}
 
-    def fold(self, params: Mapping, evaluators: Mapping) -> dict[str, list[mi.Float]]:
+    def fold(self, params: Mapping, evaluators: Mapping, begun: Mapping | None = None) -> dict[str, list[mi.Float]]:
         """What the networks need of the parameters: first biases, last layers, or all there is without directions.
 
         Parameters
@@ -122,20 +122,33 @@ class EnhancedBRDF:
             Parameter values as Dr.Jit arrays, 1 lane for a uniform material or N lanes; colours RGB.
         evaluators : dict
             From :meth:`evaluators`, or ``nn.Trainable``.
+        begun : dict, optional
+            Result of :meth:`begin_fold`, of the values that are None in `params`.
 
         Returns
         -------
         dict of str to list of mi.Float
         """
+        folded = self._fold(params, evaluators, begun)
+        # A network without directions is constant, too, up to its output.
+        return {slot: v if self.networks[slot].varies else evaluators[slot]([], v) for slot, v in folded.items()}
+
+    def begin_fold(self, params: Mapping, evaluators: Mapping) -> dict[str, list[mi.Float]]:
+        """The part of :meth:`fold` that is the same everywhere; values that vary over the surface are None."""
+        return self._fold(params, evaluators, None)
+
+    def _fold(self, params: Mapping, evaluators: Mapping, begun: Mapping | None) -> dict[str, list[mi.Float]]:
         # Operators see their operands only: with no other network the material has no latent numbers to read.
         constant = (
             features.of_parameters(params, self.inputs, self.model)
             if any(m.n_folded for m in self.evaluated.values())
             else []
         )
-        folded = {slot: evaluators[slot].fold(constant if mlp.n_folded else []) for slot, mlp in self.evaluated.items()}
-        # A network without directions is constant, too, up to its output.
-        return {slot: v if self.networks[slot].varies else evaluators[slot]([], v) for slot, v in folded.items()}
+        more = (lambda slot: ()) if begun is None else (lambda slot: (begun[slot],))
+        return {
+            slot: evaluators[slot].fold(constant if mlp.n_folded else [], *more(slot))
+            for slot, mlp in self.evaluated.items()
+        }
 
     def __call__(self, wi, wo, params: Mapping, evaluators: Mapping | None = None, folded: Mapping | None = None):
         """Reflectance f_r.

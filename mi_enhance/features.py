@@ -45,20 +45,23 @@ def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
 
     The paper's networks read the analytic parameters as they are. In the symmetric form the directions are given in the
     material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
+    A value of `p` that is None, for colours and ``latent`` a list of them, gives None: it is not known yet.
     """
-    if inputs in COLOURLESS:
-        # 1e-4: sqrt has a finite slope at F0 = 0; what may be negative stays as it is
-        root = lambda q: dr.sqrt(p[q.name] + 1e-4) if q.low >= 0 else p[q.name]  # noqa: E731
-        analytic = [dr.log(p[q.name]) / 4 if q.log else root(q) for q in _shape(model)]
-    elif inputs == "directions":
-        frame, colours = [p["n_x"], p["n_y"], p["t_theta"]], [*p["rho_d"], *p["rho_s"]]
-        analytic = [*frame, *colours, p["alpha_x"], p["alpha_y"], p["F0"]]
+    plain = lambda v: v  # noqa: E731
+    log, root = lambda v: dr.log(v) / 4, lambda v: dr.sqrt(v + 1e-4)  # 1e-4: sqrt has a finite slope at F0 = 0
+    if inputs in COLOURLESS:  # what may be negative stays as it is
+        analytic = [(log if q.log else root if q.low >= 0 else plain, p[q.name]) for q in _shape(model)]
     else:
-        log_x, log_y = dr.log(p["alpha_x"]) / 4, dr.log(p["alpha_y"]) / 4
-        # log1p keeps rho_s, which spans 0 to 10, in the range of the others; 1e-4: sqrt has a finite slope at F0 = 0
-        scaled = [dr.log(1 + c) for c in p["rho_s"]]
-        analytic = [log_x, log_y, dr.sqrt(p["F0"] + 1e-4), *p["rho_d"], *scaled, p["alpha_x"], p["alpha_y"], p["F0"]]
-    return [*analytic, *p.get("latent", ())]
+        scales = [(plain, p[name]) for name in ("alpha_x", "alpha_y", "F0")]
+        if inputs == "directions":
+            frame = [p["n_x"], p["n_y"], p["t_theta"]]
+            analytic = [*((plain, v) for v in (*frame, *p["rho_d"], *p["rho_s"])), *scales]
+        else:
+            first = [(log, p["alpha_x"]), (log, p["alpha_y"]), (root, p["F0"])]
+            # log1p keeps rho_s, which spans 0 to 10, in the range of the others
+            scaled = [(lambda v: dr.log(1 + v), c) for c in p["rho_s"]]
+            analytic = [*first, *((plain, c) for c in p["rho_d"]), *scaled, *scales]
+    return [*(None if v is None else f(v) for f, v in analytic), *p.get("latent", ())]
 
 
 def names_of_parameters(model: Model, inputs: str) -> list[str]:

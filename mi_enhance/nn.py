@@ -114,12 +114,12 @@ def unflatten(networks: dict[str, MLP], flat: np.ndarray) -> dict[str, MLP]:
 
 
 def affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
-    """W x + b with the entries of `w` written as literals into the trace."""
+    """W x + b with the entries of `w` written as literals into the trace; what is None in `x` is left out."""
     out = []
     for row, z in zip(w.tolist(), b, strict=True):
         z = mi.Float(z)
         for weight, v in zip(row, x, strict=True):
-            z = dr.fma(v, weight, z)
+            z = z if v is None else dr.fma(v, weight, z)
         out.append(z)
     return out
 
@@ -209,9 +209,14 @@ class Baked:
         self._fold = [(w[:, : mlp.n_folded], b), *([rest.pop()] if mlp.modulated else [])]
         self._layers = [(w[:, mlp.n_folded :], b), *rest]
 
-    def fold(self, features: Sequence) -> list[mi.Float]:
-        """What the inputs that are constant over a material become: first bias, weights of a modulated last layer."""
-        return [v for w, b in self._fold for v in affine(w, features, b.tolist())]
+    def fold(self, features: Sequence, begun: Sequence[mi.Float] | None = None) -> list[mi.Float]:
+        """What the inputs that are constant over a material become: first bias, weights of a modulated last layer.
+
+        Linear, so it can be done in two parts: without the features that are None, and later, with `begun`, those.
+        """
+        begun = [v for _, b in self._fold for v in b.tolist()] if begun is None else begun
+        first, head = begun[: self._first], begun[self._first :]
+        return [v for (w, _), b in zip(self._fold, (first, head), strict=False) for v in affine(w, features, b)]
 
     def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
         """Output of the network for varying inputs `x` and what :meth:`fold` returned."""
@@ -238,9 +243,9 @@ class Cooperative:
         self._packed = dnn.pack(*flat, layout="inference")
         self._scalar = dr.float16_array_t(mi.Float) if dtype is not mi.TensorXf else mi.Float
 
-    def fold(self, features: Sequence) -> list[mi.Float]:
+    def fold(self, features: Sequence, begun: Sequence[mi.Float] | None = None) -> list[mi.Float]:
         """As :meth:`Baked.fold`."""
-        return self._baked.fold(features)
+        return self._baked.fold(features, begun)
 
     def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
         """As :meth:`Baked.__call__`."""
