@@ -138,6 +138,11 @@ def parser() -> argparse.ArgumentParser:
         default=1e-3,
         help="mean absolute difference of log(1 + f cos) to the exact material, which the file keeps (default: 0.001)",
     )
+    p.add_argument(
+        "--textured",
+        action="store_true",
+        help="take the smaller network that all materials share: for parameters that vary over a surface",
+    )
     p.add_argument("--undo", action="store_true", help="go back to the exact material of a specialised one")
 
     p = add("convert", "write measurements of any readable kind as a table", one, sampled, device)

@@ -24,7 +24,7 @@ from .specialize import SIZES, specialize
 REFERENCE = "GGX in Python"
 EXACT = "enhanced, exact"
 _PAPER = "the paper's network"
-_NETWORKS = {"enhanced ggx": "ggx", _PAPER: "paper"}
+_NETWORKS = {"enhanced, small network": "ggx2_small", "enhanced ggx": "ggx", _PAPER: "paper"}
 
 
 class Contender(NamedTuple):

@@ -167,12 +167,11 @@ def _errors(fitted: Mapping[str, Contender], unseen, folder: Path, resolution, s
 def _row(label: str, fitted: list[Contender], errors: list[dict]) -> dict:
     row = {"label": label}
     row |= {key: float(np.mean([e[key] for e in errors])) for key in errors[0] if errors[0][key] is not None}
-    seconds = [c.seconds for c in fitted if c.seconds is not None]
     return row | {
         "n_bytes": round(np.mean([c.n_bytes for c in fitted])),
         "shared_bytes": fitted[0].shared_bytes,
         "multiply_adds": round(np.mean([c.multiply_adds for c in fitted])),
-        "fit_seconds": float(np.mean(seconds)) if seconds else None,
+        "fit_seconds": fitted[0].seconds,
     }
 
 
@@ -208,17 +207,19 @@ def kernel(contender: Contender) -> Callable:
     return job
 
 
-def frame(load: Callable, *args, **kwargs) -> Callable:
+def frame(load: Callable, *args, frozen: bool = False, **kwargs) -> Callable:
     """A job that renders a frame of the scene that `load` gives; `args` are contenders, one or a list.
 
-    A list is repeated to `MANY`: as many spheres stand in the picture however many materials there are.
+    A list is repeated to `MANY`: as many spheres stand in the picture however many materials there are. With `frozen`
+    no frame after the second is traced again (``dr.freeze``).
     """
     bsdfs = []
     for a in args:
         made = [c.bsdf() for c in (a if isinstance(a, list) else [a])]
         bsdfs.append([made[k % len(made)] for k in range(MANY)] if isinstance(a, list) else made[0])
     loaded = load(*bsdfs, **kwargs)
-    return lambda: np.array(mi.render(loaded))  # the copy waits for the kernels
+    render = dr.freeze(mi.render) if frozen else mi.render
+    return lambda: np.array(render(loaded))  # the copy waits for the kernels
 
 
 def sphere(bsdf: mi.BSDF, **size) -> mi.Scene:
@@ -265,8 +266,11 @@ def _growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolut
         measure("pixels on a side", n, sphere, one, resolution=n)
     for n in (2, 4, 8, 16):
         measure("depth", n, sphere, one, resolution=resolution, max_depth=n)
-    for n in (1, 5, MANY):
-        measure("materials", n, scene.spheres, lambda label, n=n: many(fitted, label, n), resolution=resolution)
+    for frozen in (False, True):
+        for n in (1, 5, MANY):
+            given = lambda label, n=n: many(fitted, label, n)  # noqa: E731
+            what = "materials, dr.freeze" if frozen else "materials"
+            measure(what, n, scene.spheres, given, resolution=resolution, frozen=frozen)
     return rows
 
 

@@ -19,11 +19,13 @@ from .compact import Compact
 from .data import Measurements
 from .data.sampling import sample_pairs
 from .enhance import EnhancedBRDF
-from .fit import require_rgb
+from .fit import fit, require_rgb
 from .graph import Node
 from .losses import log_l1
 from .material import Material
 
+SHARED = "ggx2_small"  # the network that textured materials get
+_EXACT = "specialize_multiply_adds_exact"
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
 SIZES = (6, 8, 12, 16)
 
@@ -46,6 +48,7 @@ def specialize(
     *,
     max_error: float = 1e-3,
     size: int | None = None,
+    textured: bool = False,
     seed: int = 0,
 ) -> Material:
     """The same material with a small network of its own, several times cheaper to render.
@@ -64,6 +67,10 @@ def specialize(
     size : int, optional
         Hidden units of both layers, in place of the cheapest of `SIZES` that is good enough: for curves of error over
         run time. `max_error` then decides nothing.
+    textured : bool
+        Instead fit the small shared network (`SHARED`) to the measurements, else to the material itself: for materials
+        whose parameters vary over a surface, where a network of one set of parameters is of no use. `max_error` and
+        `size` then decide nothing, and the exact material is not kept.
     seed : int
         Of directions and first weights.
 
@@ -79,8 +86,8 @@ def specialize(
     Raises
     ------
     ValueError
-        If there is no network to be made cheaper, one sees colours, `max_error` is not above 0, or `size` is not in 1
-        to 64.
+        If there is no network to be made cheaper, one sees colours, `max_error` is not above 0, `size` is not in 1
+        to 64, or the networks of a textured material have no smaller one.
     RuntimeError
         If no RGB variant with gradients is active.
 
@@ -97,6 +104,8 @@ def specialize(
     require_rgb("specialize()")
     start = time.perf_counter()
     material = material.exact
+    if textured:
+        return _shared(material, measurements, seed, start)
     slots = _factors(material.brdf)
     training = _Problem(material, slots, *sample_pairs(_TRAINING, seed=seed + 1, min_cos=_MIN_COS))
     validation = _Problem(material, slots, *sample_pairs(_VALIDATION, seed=seed + 2))
@@ -115,18 +124,22 @@ def specialize(
         compact = _pruned(material, training)
         network = "exact, without linear units" if compact else "exact"
         error = validation.error(compact) if compact else 0.0
-    brdf = dataclasses.replace(material.brdf, compact=compact)
+    brdf, more = dataclasses.replace(material.brdf, compact=compact), {"specialize_max_error": max_error}
+    if held_out:
+        more |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
+    return _specialised(material, brdf, network, error, start, more)
+
+
+def _specialised(material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: dict):
+    """The material with another BRDF, and a report of what that costs."""
     report = {
         "specialize_network": network,
         "specialize_error": error,
-        "specialize_max_error": max_error,
         "specialize_multiply_adds": brdf.multiply_adds,
-        "specialize_multiply_adds_exact": material.brdf.multiply_adds,
+        _EXACT: material.brdf.multiply_adds,
         "specialize_seconds": time.perf_counter() - start,
     }
-    if held_out:
-        report |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
-    return dataclasses.replace(material, brdf=brdf, report={**material.report, **report})
+    return dataclasses.replace(material, brdf=brdf, report={**material.report, **report, **more})
 
 
 def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.random.Generator) -> Compact:
@@ -144,6 +157,26 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
     if learned:
         layers, _ = distil.train(layers, (learned.columns(inputs) - mean) / std, learned.of_truth, steps=20)
     return Compact(training.slots, inputs, tuple(distil.on_raw_inputs(layers, mean, std)))
+
+
+def _shared(material: Material, measurements: Measurements | None, seed: int, start: float) -> Material:
+    """The small shared network fitted to the measurements, else to the material."""
+    wi, wo = sample_pairs(_VALIDATION, seed=seed)
+    f = evaluate(material, wi, wo)
+    truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
+    small = fit(Material.network(SHARED), truth, seed=seed)
+    error = log_l1(evaluate(small, wi, wo), f, wo[:, 2])
+    more = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
+    small = dataclasses.replace(small, report={**material.report, **small.report})
+    return _specialised(small, small.brdf, SHARED, error, start, {**more, _EXACT: material.brdf.multiply_adds})
+
+
+def evaluate(material: Material, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """f (N, 3), through a kernel that compiles fast: baked weights outside of a BSDF take LLVM minutes."""
+    evaluators = nn.Trainable(material.brdf.networks)
+    dr.disable_grad(evaluators.weights)
+    wi, wo = (mi.Vector3f(np.ascontiguousarray(w.T, np.float32)) for w in (wi, wo))
+    return np.array(material.brdf(wi, wo, material.lanes(), evaluators)).T
 
 
 def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):

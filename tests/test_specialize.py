@@ -128,6 +128,21 @@ def test_measurements_are_followed(llvm):
     assert report["specialize_log_l1"] < 0.3 * report["specialize_log_l1_exact"]
 
 
+def test_small_shared_network_for_textured_materials(llvm):
+    """Close to the exact material for a fifth of the multiply-adds, and everything can still vary over a surface."""
+    m = specialize(exact(), textured=True)
+    assert not m.brdf.compact and "latent" in m.params
+    assert m.brdf.multiply_adds == m.report["specialize_multiply_adds"] < 0.25 * exact().brdf.multiply_adds
+    analytic = fit(Material.analytic("ggx"), own_samples(exact())).report["log_l1"]
+    assert m.report["specialize_error"] < 0.25 * analytic
+    np.testing.assert_allclose(difference(m, exact()), m.report["specialize_error"], rtol=0.1)
+
+
+def own_samples(m: Material) -> data.Measurements:
+    wi, wo = pairs(seed=11)
+    return data.Measurements(wi, wo, rendered(m, wi, wo).astype(np.float32), "itself", "test")
+
+
 def test_fit_goes_on_from_the_exact_material(llvm):
     m, _ = synthetic.ggx_anisotropic(3, n_samples=300, noise=0)
     small = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
