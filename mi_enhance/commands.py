@@ -109,9 +109,7 @@ def specialize(args: argparse.Namespace) -> dict:
         material = material.exact
     else:
         measurements = _measurements(args) if args.data else None
-        material = specialize(
-            material, measurements, max_error=args.max_error, textured=args.textured, seed=args.seed
-        )
+        material = specialize(material, measurements, max_error=args.max_error, textured=args.textured, seed=args.seed)
     material.save(output)
     print(f"{material.show()}\n{output}")
     return {**material.report, "output": str(output)}

@@ -255,11 +255,14 @@ def _growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolut
     """Milliseconds of a frame as image, depth and number of materials grow."""
     rows = []
 
+    def add(what: str, value: int, seconds: Mapping[str, float]) -> None:
+        exact, fast = (seconds[REFERENCE] / seconds[label] for label in _GROWING[1:])
+        ms = {label: 1e3 * s for label, s in seconds.items()}
+        rows.append({"what": what, "value": value, **ms, "ratio": exact, "ratio_fast": fast})
+
     def measure(what: str, value: int, load: Callable, given: Callable, **size) -> None:
         jobs = {label: (frame, load, given(label)) for label in _GROWING}
-        ms = {label: 1e3 * s for label, s in workers.seconds(jobs, rounds, spp=16, **size).items()}
-        exact, fast = (ms[REFERENCE] / ms[label] for label in _GROWING[1:])
-        rows.append({"what": what, "value": value, **ms, "ratio": exact, "ratio_fast": fast})
+        add(what, value, workers.seconds(jobs, rounds, spp=16, **size))
 
     one = fitted[0].get
     for n in (resolution // 2, resolution, 2 * resolution):
@@ -271,6 +274,10 @@ def _growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolut
             given = lambda label, n=n: many(fitted, label, n)  # noqa: E731
             what = "materials, dr.freeze" if frozen else "materials"
             measure(what, n, scene.spheres, given, resolution=resolution, frozen=frozen)
+    for n in (1, MANY):
+        jobs = {label: (frame, scene.spheres, many(fitted, label, n)) for label in _GROWING}
+        cold = {label: first_frames(job, resolution=resolution, spp=1)["cold"] for label, job in jobs.items()}
+        add("materials, first frame", n, cold)
     return rows
 
 
