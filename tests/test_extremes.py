@@ -32,7 +32,7 @@ MAGNIFIED = {
 OVER_ROUNDING = 8  # error over what half a unit in the last place of the inputs changes; 4 tries find most of it
 
 MATERIALS = ["[ggx2]", "[paper]", "own features, random", *sorted(models.MODELS)]
-SLOW = ["[ggx]", "[ward]", "[cook_torrance]"]
+SLOW = ["[ggx2_small]", "[ggx]", "[ward]", "[cook_torrance]"]
 SATURATED = "[S] [D] [F] [G] [1/E] saturated"
 
 
