@@ -54,7 +54,17 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
 
  * - latent
    - |exposed|, |differentiable|
-   - The neural parameters; from the file only.
+   - The neural parameters; from the file, or from the maps.
+
+ * - maps
+   - |string|
+   - Maps over the surface (OpenEXR, one channel for each number: ``rho_d.R``, ``alpha_x``, ``latent.00``) of any
+     parameters, made with the networks of ``filename``; written by ``MaterialMaps.save()``. A parameter that the scene
+     gives as well is taken from the scene.
+
+ * - filter_type
+   - |string|
+   - Between the texels of ``maps``: ``bilinear`` (default) or ``nearest``.
 
 An analytic reflectance model, some of whose terms or operators are small neural networks, fitted to a measured
 material.
@@ -93,6 +103,7 @@ import numpy as np
 from mi_enhance import nn, parameters, sampling
 from mi_enhance.enhance import EnhancedBRDF
 from mi_enhance.lean import lean
+from mi_enhance.maps import MaterialMaps
 from mi_enhance.material import Material
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
@@ -105,6 +116,34 @@ class _Form(NamedTuple):
     brdf: EnhancedBRDF
     evaluators: dict
     left_out: frozenset[str]  # names of parameters, all 0, that it is evaluated without
+
+
+class LatentMap(mi.Texture):
+    """A bitmap of as many channels as there are latent numbers; Mitsuba's own has one or three."""
+
+    def __init__(self, data: mi.TensorXf, filter_type: str):
+        super().__init__(mi.Properties())
+        modes = {"bilinear": dr.FilterMode.Linear, "nearest": dr.FilterMode.Nearest}
+        # Not in texture memory, which a GPU has for up to four channels, and whose values have no gradients.
+        self.m_texture = mi.Texture2f(
+            data, use_accel=False, migrate=False, filter_mode=modes[filter_type], wrap_mode=dr.WrapMode.Repeat
+        )
+
+    def traverse(self, cb):
+        cb.put("data", self.m_texture.tensor(), mi.ParamFlags.Differentiable)
+
+    def parameters_changed(self, keys=()):
+        self.m_texture.update_inplace()
+
+    def numbers(self, si: mi.SurfaceInteraction3f, active) -> list[mi.Float]:
+        """All of them at the hit point."""
+        return self.m_texture.eval(si.uv, active)
+
+    def is_spatially_varying(self):
+        return True
+
+    def to_string(self):
+        return f"LatentMap[{self.m_texture.shape}]"
 
 
 class Enhanced(mi.BSDF):
@@ -123,7 +162,7 @@ class Enhanced(mi.BSDF):
         self.m_evaluators = _evaluators(props)
         self.m_forms, self.m_known = {}, {}
         self.m_full = self._form(self.m_brdf, frozenset())
-        self.m_values, self.m_textures = {}, {}
+        self.m_values, self.m_textures = {}, _maps(props, self.m_material)
         self.m_colours = [p.name for p in self.m_brdf.parameters if p.is_colour]
         for p in self.m_brdf.parameters:
             self._read(props, p)
@@ -142,7 +181,10 @@ class Enhanced(mi.BSDF):
     def _read(self, props: mi.Properties, p: parameters.Parameter) -> None:
         """Take a parameter from the scene, else from the file."""
         value = self.m_material.params[p.name]
+        if p.name not in props and p.name in self.m_textures:
+            return
         if p.name in props and p.name != "latent":
+            self.m_textures.pop(p.name, None)
             given, where = props[p.name], f'bsdf "enhanced" ("{self.id()}")'
             is_spectrum = p.name in self.m_colours and props.type(p.name) == mi.Properties.Type.Spectrum
             if is_spectrum or isinstance(given, mi.Texture):
@@ -233,10 +275,7 @@ class Enhanced(mi.BSDF):
         params = self._constants()
         for p in self.m_brdf.parameters:
             if p.name in self.m_textures:
-                texture = self.m_textures[p.name]
-                value = _rgb(texture, si, active) if p.name in self.m_colours else texture.eval_1(si, active)
-                # A texture may hold anything: roughness 0 or a negative F0 would give NaN.
-                params[p.name] = dr.clip(value, p.low, p.high)
+                params[p.name] = self._textured(p, si, active)
         folded, read = self.m_folded, form.brdf.read_by_networks
         if dr.grad_enabled([params[name] for name in read if name in self.m_values]):
             folded = form.brdf.fold(params, form.evaluators)
@@ -244,6 +283,14 @@ class Enhanced(mi.BSDF):
             textured = _parts(self.m_brdf, params, self.m_textures)
             folded = form.brdf.fold(textured, form.evaluators, self.m_begun)
         return form, {name: v for name, v in params.items() if name not in form.left_out}, folded
+
+    def _textured(self, p: parameters.Parameter, si: mi.SurfaceInteraction3f, active):
+        """A parameter that varies, at the hit point. A texture may hold anything: roughness 0 would give NaN."""
+        texture = self.m_textures[p.name]
+        if isinstance(texture, LatentMap):
+            return [dr.clip(v, p.low, p.high) for v in texture.numbers(si, active)]
+        value = _rgb(texture, si, active) if p.name in self.m_colours else texture.eval_1(si, active)
+        return dr.clip(value, p.low, p.high)
 
     def _spectral(self, params: dict, si: mi.SurfaceInteraction3f, active) -> dict:
         """The parameters with colours in the representation of the variant."""
@@ -332,6 +379,31 @@ def _material(props: mi.Properties) -> Material:
     if "description" not in props:
         raise ValueError('bsdf "enhanced": the parameter "filename" is missing. Name a file made by mi-enhance fit.')
     return Material.from_arrays(props["description"], props["params"], props["weights"])
+
+
+def _maps(props: mi.Properties, material: Material) -> dict[str, mi.Texture]:
+    """Textures of the parameters that vary: from a file, or from the arrays of ``MaterialMaps.to_dict()``."""
+    if "maps" not in props:
+        return {}
+    where, filter_type = 'bsdf "enhanced"', props.get("filter_type", "bilinear")
+    if filter_type not in ("bilinear", "nearest"):
+        raise ValueError(f'{where}: filter_type "{filter_type}" is unknown. Choose bilinear or nearest.')
+    if not mi.is_rgb:
+        raise ValueError(
+            f'{where}: maps hold linear RGB, which variant "{mi.variant()}" does not render. Use an rgb one.'
+        )
+    if isinstance(props["maps"], str):
+        maps = MaterialMaps.load(str(mi.file_resolver().resolve(props["maps"])), material)
+    else:
+        maps = MaterialMaps.from_arrays(material, props["channels"], np.array(props["maps"]))
+    result = {}
+    for name, values in maps.maps.items():
+        if name == "latent":
+            result[name] = LatentMap(mi.TensorXf(values), filter_type)
+        else:
+            bitmap = {"type": "bitmap", "data": mi.TensorXf(values), "raw": True, "filter_type": filter_type}
+            result[name] = mi.load_dict(bitmap)
+    return result
 
 
 def _evaluators(props: mi.Properties) -> type:

@@ -35,6 +35,8 @@ _NAMES = {
     "search": "search",
     "compare": "compare",
     "shader_ball": "scene",
+    "MaterialMaps": "maps",
+    "fit_texels": "texels",
 }
 __all__ = ["__version__", *_MODULES, *_NAMES]
 

@@ -73,7 +73,7 @@ def determined(
     variance = np.diag(_posterior(h[np.ix_(free, free)], max(log_l1, _LEAST_RESIDUAL), spread[free]))
     std = np.zeros(len(u))
     std[free] = np.sqrt(variance)
-    names = [name for p in brdf.parameters for name in _components(p)]
+    names = [name for p in brdf.parameters for name in parameters.components(p)]
     undetermined = [names[k] for k in free if std[k] > _OPEN * spread[k]]
     slope = space.slope(u)
     return {k: v.tolist() for k, v in parameters.unflatten(brdf.parameters, std * slope).items()}, undetermined
@@ -93,16 +93,3 @@ def _posterior(normal: np.ndarray, residual: float, spread: np.ndarray) -> np.nd
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     root = vectors * np.sqrt(np.where(values > _SINGULAR, values, 0)) * (scale * spread / residual)[:, None]
     return np.linalg.inv(np.eye(len(spread)) + root @ root.T) * np.outer(spread, spread)
-
-
-def _components(p: parameters.Parameter) -> list[str]:
-    """Names of the numbers of a parameter, as the channels of maps are called.
-
-    Examples
-    --------
-    >>> _components(parameters.RHO_D), _components(parameters.latent(2)), _components(parameters.F0)
-    (['rho_d.R', 'rho_d.G', 'rho_d.B'], ['latent.00', 'latent.01'], ['F0'])
-    """
-    if p.is_colour:
-        return [f"{p.name}.{c}" for c in "RGB"]
-    return [p.name] if p.name != "latent" else [f"latent.{k:02d}" for k in range(p.size)]

@@ -11,14 +11,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import levenberg, parameters, sampling
+from . import levenberg, parameters, prior, sampling
 from .data import Measurements
 from .determined import determined
 from .enhance import EnhancedBRDF
 from .material import Material
 from .normalise import normalise, plain
-from .objective import Objective
-from .prior import Prior
+from .objective import Objective, stacked
 
 METHODS = ("lm", "rmsprop")
 
@@ -101,8 +100,10 @@ def fit(
         first = parameters.flatten(material.brdf.parameters, parameters.initial(material.brdf.parameters))
         first[: len(vector)] = vector
         starts = [_given(material.brdf, material), first]
-        prior = Prior(material, measurements, loss_analytic) if material.library is not None else None
-        vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library, prior)
+        known = None
+        if material.library is not None:
+            known = prior.from_library(material, measurements.wi, measurements.wo, loss_analytic)
+        vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library, known)
     values = parameters.unflatten(material.brdf.parameters, vector)
     report = {
         "model": str(material.brdf),
@@ -143,10 +144,8 @@ def require_rgb(where: str) -> None:
 
 def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, index=slice(None)) -> Objective:
     """The loss of `copies` independent parameter sets on the samples `index` of one material."""
-    wi, wo, f = (
-        np.tile(np.ascontiguousarray(a[index].T), copies) for a in (measurements.wi, measurements.wo, measurements.f)
-    )
-    return Objective(brdf, mi.Vector3f(wi), mi.Vector3f(wo), mi.Color3f(f), wi.shape[1] // copies)
+    wi, wo, f = (a[index] for a in (measurements.wi, measurements.wo, measurements.f))
+    return stacked(brdf, wi, wo, np.broadcast_to(f, (copies, *f.shape)))
 
 
 def analytic_starts(brdf: EnhancedBRDF) -> np.ndarray:
@@ -161,7 +160,7 @@ def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:
 
 
 def _lm(
-    brdf, measurements, starts, rng, callback, library=None, prior=None, *, reciprocal=False
+    brdf, measurements, starts, rng, callback, library=None, known=None, *, reciprocal=False
 ) -> tuple[np.ndarray, float]:
     """Search on a subset from many starts at once, then polish the best on everything."""
     n = len(measurements.f)
@@ -180,7 +179,7 @@ def _lm(
         if losses is not None:
             u = u[np.argsort(losses)[:survivors]]
         problem = objective(brdf, measurements, len(u), order[:used])
-        loss, normal_equations = prior.added(problem) if prior else (problem.loss, problem.normal_equations)
+        loss, normal_equations = known.added(problem) if known else (problem.loss, problem.normal_equations)
         u, losses = levenberg.minimize(
             loss,
             normal_equations,
@@ -192,7 +191,7 @@ def _lm(
             callback=_reporter(callback, f"{stage}, {used} samples"),
         )
     best = int(np.argmin(losses))
-    return space.back(u[best]), losses[best] - (prior.loss(u[best : best + 1])[0] if prior else 0)
+    return space.back(u[best]), losses[best] - (known.loss(u[best : best + 1])[0] if known else 0)
 
 
 def _reporter(callback: Callable, stage: str) -> Callable:
@@ -207,12 +206,12 @@ def _nearest(brdf, measurements, library: np.ndarray, index: np.ndarray) -> np.n
 
 
 def _rmsprop(
-    brdf, measurements, starts, rng, callback, library=None, prior=None, *, reciprocal=False, epochs=1000
+    brdf, measurements, starts, rng, callback, library=None, known=None, *, reciprocal=False, epochs=1000
 ) -> tuple[np.ndarray, float]:
     """The paper's recipe (sections 4.3 and 5.1), in the space in which roughness is a logarithm."""
     from drjit.opt import RMSProp
 
-    del starts, rng, library, prior  # the paper starts every material from the same values
+    del starts, rng, library, known  # the paper starts every material from the same values
     problem = objective(brdf, measurements)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
     optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to(first).astype(np.float32))})

@@ -113,6 +113,7 @@ class Objective:
             columns = [sum((row[n_p + j] * s[p] for j, s in enumerate(scalar)), row[p]) for p in range(n_p)]
             for p, column in enumerate([*columns, value]):
                 dr.scatter(buffer, scale * column, base + (p * 3 + k) * block, mode=dr.ReduceMode.NoConflicts)
+        dr.eval(buffer, total)  # together: alone, the loss would take the networks a second time
         a = mi.TensorXf(buffer, (lanes // block, n_p + 1, 3 * block))
         products = np.array(dr.matmul(a, a, Bt=True), np.float64).reshape(self.n_problems, -1, n_p + 1, n_p + 1).sum(1)
         products /= 3 * self.n
@@ -151,6 +152,28 @@ class Objective:
         dr.eval(dr.detach(loss), wide_gradient)
         backward(narrow, [dr.block_sum(g, self.n) for g in wide_gradient])
         return dr.detach(loss), dr.grad(flat)
+
+
+def stacked(brdf: EnhancedBRDF, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> Objective:
+    """The objective of B problems with n samples each, from arrays.
+
+    Parameters
+    ----------
+    brdf : EnhancedBRDF
+    wi, wo : array (n, 3) or (B, n, 3)
+        Unit vectors towards viewer and light, the same for all problems or of each.
+    f : array (B, n, 3)
+        Reflectance, 1/sr, at least 0.
+
+    Examples
+    --------
+    >>> from mi_enhance.enhance import enhance
+    >>> stacked(enhance("ggx", ()), np.array([[0, 0, 1.0]]), np.array([[0, 0.6, 0.8]]), np.ones((7, 1, 3))).n_problems
+    7
+    """
+    n = f.shape[1]
+    wi, wo, f = (np.broadcast_to(a, f.shape).reshape(-1, 3).T.astype(np.float32, order="C") for a in (wi, wo, f))
+    return Objective(brdf, mi.Vector3f(wi), mi.Vector3f(wo), mi.Color3f(f), n)
 
 
 def backward(variables, gradients) -> None:

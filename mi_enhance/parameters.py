@@ -112,6 +112,19 @@ def colours(parameters: Sequence[Parameter]) -> set[str]:
     return {p.name for p in parameters if p.is_colour}
 
 
+def components(p: Parameter) -> list[str]:
+    """Names of the numbers of a parameter, as the channels of maps are called.
+
+    Examples
+    --------
+    >>> components(RHO_D), components(latent(2)), components(F0)
+    (['rho_d.R', 'rho_d.G', 'rho_d.B'], ['latent.00', 'latent.01'], ['F0'])
+    """
+    if p.is_colour:
+        return [f"{p.name}.{c}" for c in "RGB"]
+    return [p.name] if p.name != "latent" else [f"latent.{k:02d}" for k in range(p.size)]
+
+
 def initial(parameters: Sequence[Parameter]) -> dict[str, np.ndarray]:
     """Starting values, name -> float64 array of length `size`."""
     return {p.name: np.full(p.size, p.initial) for p in parameters}

@@ -1,13 +1,13 @@
-"""A prior for fits: parameters that the samples say nothing about stay where those of the training materials are."""
+"""Priors for fits: parameters that the samples say nothing about stay where those of the training materials are."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 
 from . import parameters
-from .data import Measurements
 from .data.sampling import directions_to_rusinkiewicz
 from .material import Material
 from .objective import Objective
@@ -16,7 +16,50 @@ from .objective import Objective
 _WEIGHT = 4e-5
 
 
+@dataclasses.dataclass(frozen=True)
 class Prior:
+    """A Gaussian over the optimised parameters, added to the loss of every problem.
+
+    Parameters
+    ----------
+    mean : array (P,) or (B, P)
+        One for all problems, or one each.
+    precision : array (P, P) or (B, P, P)
+        Inverse covariance times the weight of the prior; 0 for parameters that stay free.
+
+    Examples
+    --------
+    >>> Prior(np.zeros(2), np.diag([1.0, 0.0])).loss(np.array([[2.0, 5.0]]))
+    array([2.])
+    """
+
+    mean: np.ndarray
+    precision: np.ndarray
+
+    def loss(self, u: np.ndarray) -> np.ndarray:
+        """Half the squared distance to the mean, (B,), for parameters (B, P)."""
+        d = u - self.mean
+        return 0.5 * (self._force(d) * d).sum(1)
+
+    def added(self, problem: Objective) -> tuple[Callable, Callable]:
+        """Loss and normal equations of a problem with the prior added."""
+
+        def normal_equations(u, epsilon):
+            h, g, smooth = problem.normal_equations(u, epsilon)
+            return h + self.precision, g + self._force(u - self.mean), smooth
+
+        return lambda u: problem.loss(u) + self.loss(u), normal_equations
+
+    def of(self, index: np.ndarray) -> Prior:
+        """The same for some of the problems, which may repeat."""
+        mean, precision = self.mean, self.precision
+        return Prior(mean[index] if mean.ndim == 2 else mean, precision[index] if precision.ndim == 3 else precision)
+
+    def _force(self, d: np.ndarray) -> np.ndarray:
+        return np.matmul(d[:, None, :], self.precision)[:, 0]
+
+
+def from_library(material: Material, wi: np.ndarray, wo: np.ndarray, scale: float | np.ndarray) -> Prior:
     """What the training materials say of parameters that the samples leave open: a Gaussian over their values.
 
     Retro-reflective samples alone say nothing about the highlight, and leave most of the latent numbers to chance.
@@ -27,43 +70,28 @@ class Prior:
     ----------
     material : Material
         A network, with its library.
-    measurements : Measurements
-        What is fitted.
-    scale : float
-        Log-L1 of the analytic model on them.
+    wi, wo : array (n, 3)
+        Directions of the samples.
+    scale : float or array (B,)
+        Log-L1 of the analytic model on them, of each problem.
     """
-
-    def __init__(self, material: Material, measurements: Measurements, scale: float):
-        space = parameters.Space(material.brdf.parameters)
-        u = space.to(np.asarray(material.library, np.float64))
-        free = np.concatenate(
-            [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]
-        )
-        kept = np.flatnonzero(~free)
-        covariance = np.cov(u[:, kept].T)
-        # a tenth of the variances on top: what 300 materials have in common is not certain for the next one
-        covariance += np.diag(0.1 * np.diag(covariance) + 1e-6)
-        self.mean, self.precision = u.mean(0), np.zeros((u.shape[1], u.shape[1]))
-        weight = _WEIGHT * scale / coverage(measurements) ** 2
-        self.precision[np.ix_(kept, kept)] = weight * np.linalg.inv(covariance)
-
-    def loss(self, u: np.ndarray) -> np.ndarray:
-        """Half the squared distance to the mean of the training materials, (B,), for parameters (B, P)."""
-        d = u - self.mean
-        return 0.5 * np.einsum("bi,ij,bj->b", d, self.precision, d)
-
-    def added(self, problem: Objective) -> tuple[Callable, Callable]:
-        """Loss and normal equations of a problem with the prior added."""
-
-        def normal_equations(u, epsilon):
-            h, g, smooth = problem.normal_equations(u, epsilon)
-            return h + self.precision, g + (u - self.mean) @ self.precision, smooth
-
-        return lambda u: problem.loss(u) + self.loss(u), normal_equations
+    space = parameters.Space(material.brdf.parameters)
+    u = space.to(np.asarray(material.library, np.float64))
+    free = np.concatenate(
+        [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]
+    )
+    kept = np.flatnonzero(~free)
+    covariance = np.cov(u[:, kept].T)
+    # a tenth of the variances on top: what 300 materials have in common is not certain for the next one
+    covariance += np.diag(0.1 * np.diag(covariance) + 1e-6)
+    precision = np.zeros((u.shape[1], u.shape[1]))
+    precision[np.ix_(kept, kept)] = np.linalg.inv(covariance)
+    weight = _WEIGHT * np.asarray(scale) / coverage(wi, wo) ** 2
+    return Prior(u.mean(0), weight[..., None, None] * precision)
 
 
-def coverage(measurements: Measurements) -> float:
+def coverage(wi: np.ndarray, wo: np.ndarray) -> float:
     """Part of 12 x 12 cells of theta_h and theta_d that the samples visit; about 0.8 for all directions."""
-    theta_h, _, theta_d, _ = directions_to_rusinkiewicz(measurements.wi, measurements.wo)
+    theta_h, _, theta_d, _ = directions_to_rusinkiewicz(wi, wo)
     cells = [np.minimum(12 * a / (np.pi / 2), 11).astype(int) for a in (theta_h, theta_d)]
     return len(np.unique(np.ravel_multi_index(cells, (12, 12)))) / 144

@@ -15,7 +15,7 @@ from mi_enhance import Material, enhance, fit, nn, parameters
 from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.normalise import normalise, plain
-from mi_enhance.prior import Prior, coverage
+from mi_enhance.prior import coverage, from_library
 
 SAME = 2e-5  # relative: a constant moved from a colour into an exponent, in float32
 
@@ -49,15 +49,14 @@ def retro(n, seed=0):
 
 def test_coverage_is_the_part_of_the_angles_visited():
     everywhere = sample_pairs(20_000)
-    flat = np.zeros((20_000, 3))
-    assert 0.7 < coverage(Measurements(*everywhere, flat)) <= 1
-    assert coverage(Measurements(*retro(20_000), flat)) < 12 / 144  # one of twelve rows of theta_d
-    assert coverage(Measurements([[0, 0, 1]], [[0, 0, 1]], [[0, 0, 0]])) == pytest.approx(1 / 144)
+    assert 0.7 < coverage(*everywhere) <= 1
+    assert coverage(*retro(20_000)) < 12 / 144  # one of twelve rows of theta_d
+    assert coverage([[0, 0, 1]], [[0, 0, 1]]) == pytest.approx(1 / 144)
 
 
 def test_prior_is_a_gaussian_over_shape_and_latent_numbers(llvm):
     material = network()
-    prior = Prior(material, measured(material, *sample_pairs(500)), 0.02)
+    prior = from_library(material, *sample_pairs(500), 0.02)
     space = parameters.Space(material.brdf.parameters)
     u = space.to(material.library)
     assert prior.loss(u.mean(0)[None])[0] == pytest.approx(0, abs=1e-20)
