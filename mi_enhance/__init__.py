@@ -30,11 +30,16 @@ _NAMES = {
     "load": "material",
     "enhance": "enhance",
     "fit": "fit",
+    "fit_images": "inverse",
     "specialize": "specialize",
     "train": "train",
     "search": "search",
     "compare": "compare",
     "shader_ball": "scene",
+    "View": "views",
+    "read_views": "view_files",
+    "write_views": "view_files",
+    "render_views": "views",
 }
 __all__ = ["__version__", *_MODULES, *_NAMES]
 

@@ -94,11 +94,11 @@ class Descent:
 
     # ------------------------------------------------------------------ rendering
 
-    def render(self, target: Target, spp: int) -> np.ndarray:
+    def render(self, target: Target, spp: int, seed: int) -> np.ndarray:
         """The scene as the cameras of a target see it, (H, views * W, 3)."""
         light = dr.opaque(mi.Float, float(self.values()[self.light.key][0]) if self.light else 1.0)
         with _no_collection():
-            return np.array(self._primal(self.scene, target.sensor, light, self._next_seed(), spp))
+            return np.array(self._primal(self.scene, target.sensor, light, dr.opaque(mi.UInt32, seed), spp))
 
     def _trace_primal(self, scene, sensor, light, seed, spp: int):
         with dr.suspend_grad():

@@ -27,7 +27,7 @@ STAGES = ((2, 8, 80), (1, 16, 120))
 _SURVIVORS, _TRIAL = 3, 25  # starts that go down a way, and how far, before the best is taken
 _START_SIZE, _START_SPP = 24, 16  # pixels on a side at which starts are compared
 _LATE = 0.2  # of the first stage's iterations without the latent numbers
-_FINAL_SPP = 64
+_FINAL_SPP = 128
 _RECENT = 5  # iterations whose mean is the loss: one alone is a matter of chance
 PREVIEW = 20  # iterations from one preview to the next
 _LAST_RATE = 0.05  # learning rate at the end, as a share of that at the start
@@ -156,7 +156,7 @@ def fit_images(
                 inverse_picture.preview(target, np.array(image), folder / f"step_{step:04d}.png")
 
     targets = photographs.targets(train, stages[0][0])
-    ways = _starts(descent, placed, train, scale, starts)
+    ways = _starts(descent, placed, train, scale, starts, seed)
     ends = []
     for k, way in enumerate(ways if len(ways) > 1 else ()):
         descent.put(way)
@@ -185,7 +185,7 @@ def _checked(views: Sequence[View], stages, lr: float, max_depth: int) -> list[V
     for stage in stages:
         if len(stage) != 3 or any(not isinstance(n, int) or n < 1 for n in stage):
             raise ValueError(
-                f"fit_images(): stage {stage!r} must be three positive integers: 1 / size, samples per pixel, iterations."
+                f"fit_images(): stage {stage!r} must be positive integers: 1 / size, samples per pixel, iterations."
             )
     if not stages:
         raise ValueError("fit_images(): stages is empty. At least one is needed, such as (1, 16, 100).")
@@ -207,11 +207,11 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
     return sought
 
 
-def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float, given) -> list[dict]:
+def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float, given, seed: int) -> list[dict]:
     """Values to start from, the most promising first; several only where there is a single material."""
     size = max(max(v.size) for v in train)
     targets = photographs.targets(train, max(1, round(size / _START_SIZE)))
-    render = lambda target: descent.render(target, _START_SPP)  # noqa: E731
+    render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
     free = {u.key for u in descent.unknowns}
     first, ways = dict(descent.values()), []
     for one in placed.values():
@@ -219,7 +219,8 @@ def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float,
             continue  # some of its parameters are known or textured: it starts as it is
         ranked = []
         for material in inverse_starts.candidates(one):
-            found, error = inverse_starts.with_best_colours(one, plain(material), descent.params, targets, render, scale)
+            params = descent.params
+            found, error = inverse_starts.with_best_colours(one, plain(material), params, targets, render, scale)
             ranked.append((error, one.assignment(found)))
         ranked.sort(key=lambda pair: pair[0])
         ways = [{**first, **way} for _, way in ranked[:_SURVIVORS]]
@@ -249,7 +250,7 @@ def _folder(path) -> Path | None:
 def _result(descent: Descent, placed: Mapping[str, Placed], views, settings: dict, start: float) -> ImageFit:
     renders = {}
     for target in photographs.targets(views):
-        images = photographs.split(descent.render(target, _FINAL_SPP), target)
+        images = photographs.split(descent.render(target, _FINAL_SPP, settings["seed"]), target)
         renders |= dict(zip((v.name for v in target.views), images, strict=True))
     rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in views]
     report = {

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import itertools
+from collections.abc import Callable, Sequence
 
 import mitsuba as mi
 import numpy as np
 
 from . import parameters
 from .material import Material
+from .parameters import FRAME
 from .photographs import Target
 from .unknowns import Placed, linear_colours, put
 
 _LIBRARY = 48  # training materials that are tried, as different from one another as can be
 _SWEEPS = 4  # reweighted least squares towards the L1 solution
-# Colours of the renders that measure what each contributes; not 0: what is 0 is left out of the BSDF, another kernel.
+# Least colour, and the other one of renders that measure what each contributes. Not 0: what is 0 is left out of the
+# BSDF, which makes another kernel.
 _DARK, _BRIGHT = 1e-4, 1.0
 
 
@@ -30,7 +31,9 @@ def candidates(one: Placed) -> list[Material]:
     if library is not None:
         for k in spread(library_shapes(brdf, library), _LIBRARY):
             row = parameters.unflatten(brdf.parameters, np.asarray(library[k], np.float64))
-            result.append(Material(brdf, {p.name: np.clip(row[p.name], p.low, p.high) for p in brdf.parameters}))
+            # the frame of a measurement is no property of the material
+            own = {p.name: np.clip(row[p.name], p.low, p.high) for p in brdf.parameters if p.name not in FRAME}
+            result.append(Material(brdf, own))
     return result
 
 
@@ -58,7 +61,12 @@ def spread(x: np.ndarray, n: int) -> list[int]:
 
 
 def with_best_colours(
-    one: Placed, material: Material, params: mi.SceneParameters, targets: Sequence[Target], render: Callable, scale: float
+    one: Placed,
+    material: Material,
+    params: mi.SceneParameters,
+    targets: Sequence[Target],
+    render: Callable,
+    scale: float,
 ) -> tuple[Material, float]:
     """The material with the colours that explain the targets best, and its loss.
 
@@ -94,7 +102,7 @@ def with_best_colours(
             distance = np.abs(np.log1p(np.maximum(prediction[:, c], 0) / scale) - np.log1p(truth[:, c] / scale))
             # 0.01: what is explained to a percent counts no more for being explained better
             w = weight[:, c] / (truth[:, c] + scale) ** 2 / (distance + 0.01)
-    fitted = material.edit(**{p.name: found[k] for k, p in enumerate(colours)})
+    fitted = material.edit(**{p.name: np.maximum(found[k], _DARK) for k, p in enumerate(colours)})
     return fitted, _error(prediction, truth, weight, scale)
 
 

@@ -144,7 +144,8 @@ def placed(params: mi.SceneParameters, given: Mapping[str, Material] | None = No
     for node in params.hierarchy:
         if type(node).__name__ == "Enhanced":
             keys = {}
-            prefix = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node).rpartition(".")[0]
+            first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
+            prefix = first.rpartition(".")[0]
             for p in node.m_material.brdf.parameters:
                 for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
                     if key in params:
@@ -156,11 +157,10 @@ def placed(params: mi.SceneParameters, given: Mapping[str, Material] | None = No
                 f'fit_images(): materials names "{name}", but the enhanced BSDFs of the scene are '
                 f"{', '.join(result) or 'none'}. Give the BSDF that id."
             )
-        if str(material.brdf) != str(result[name].material.brdf) or len(material.vector()) != len(
-            result[name].material.vector()
-        ):
+        loaded = result[name].material
+        if str(material.brdf) != str(loaded.brdf) or len(material.vector()) != len(loaded.vector()):
             raise ValueError(
-                f'fit_images(): "{name}" is {result[name].material.brdf} in the scene, but {material.brdf} in materials. '
+                f'fit_images(): "{name}" is {loaded.brdf} in the scene, but {material.brdf} in materials. '
                 "Load the scene with the same material."
             )
         result[name] = dataclasses.replace(result[name], material=material)
@@ -257,7 +257,8 @@ def put(params: mi.SceneParameters, key: str, value: np.ndarray) -> None:
     if isinstance(old, mi.TensorXf):
         params[key] = mi.TensorXf(flat.reshape(old.shape))
     elif isinstance(old, (mi.Color3f, mi.Vector3f)):
-        params[key] = type(old)(*(mi.Float(float(v)) for v in np.broadcast_to(flat, 3)))
+        # arrays of their own: equal literals would be one variable, which is another function to `dr.freeze`
+        params[key] = type(old)(*(mi.Float(np.full(1, v, np.float32)) for v in np.broadcast_to(flat, 3)))
     else:
         params[key] = mi.Float(flat)
 
