@@ -30,6 +30,7 @@ _NAMES = {
     "load": "material",
     "enhance": "enhance",
     "fit": "fit",
+    "fit_images": "inverse",
     "specialize": "specialize",
     "train": "train",
     "search": "search",
@@ -37,6 +38,10 @@ _NAMES = {
     "shader_ball": "scene",
     "MaterialMaps": "maps",
     "fit_texels": "texels",
+    "View": "views",
+    "read_views": "view_files",
+    "write_views": "view_files",
+    "render_views": "views",
 }
 __all__ = ["__version__", *_MODULES, *_NAMES]
 

@@ -40,7 +40,7 @@ def main(argv: list[str] | None = None) -> int:
             raise ImportError(_llvm.problem)
         from . import commands
 
-        result = getattr(commands, args.command)(args)
+        result = getattr(commands, args.command.replace("-", "_"))(args)
     except KeyboardInterrupt:
         print("mi-enhance: interrupted", file=sys.stderr)
         return 130
@@ -112,6 +112,25 @@ def parser() -> argparse.ArgumentParser:
     p = add("fit", "fit a material to measurements", one, network, method, sampled, device)
     p.add_argument("-o", "--output", metavar="MAT.bsdf", required=True)
     p.add_argument("--reciprocal", action="store_true", help="f(wi, wo) = f(wo, wi), even where the file is not")
+
+    p = add("fit-images", "fit the enhanced materials of a scene to photographs of it", network, device)
+    p.add_argument("scene", metavar="SCENE.xml", help="geometry and light; its parameter $material gets the network")
+    p.add_argument("views", metavar="VIEWS", help="folder with transforms.json, or that file (docs/images.md)")
+    p.add_argument("-o", "--output", metavar="MAT.bsdf", required=True, help="several materials: MAT_<id>.bsdf each")
+    p.add_argument("--light-scale", action="store_true", help="the brightness of the light is unknown, too")
+    p.add_argument("--unknown", metavar="NAME", action="append", help="parameter that is sought (default: all)")
+    p.add_argument(
+        "--stage",
+        dest="stages",
+        metavar="FACTOR,SPP,STEPS",
+        type=_stage,
+        action="append",
+        help="images at 1/FACTOR of their size, samples per pixel, iterations; repeat, coarse to fine "
+        "(default: 2,8,80 and 1,16,120)",
+    )
+    p.add_argument("--preview", metavar="DIR", help="folder for pictures: every few iterations, and at the end")
+    p.add_argument("--seed", type=int, default=0, help="the same seed gives the same random numbers (default: 0)")
+    add_define(p, "parameter of the scene")
 
     p = add("render", "render a scene; the plugin `enhanced` is registered", device)
     p.add_argument("scene", metavar="SCENE.xml")
@@ -201,6 +220,13 @@ def _pair(text: str) -> tuple[str, str]:
     if not (key and equals):
         raise argparse.ArgumentTypeError(f'"{text}" is not KEY=VALUE')
     return key, value
+
+
+def _stage(text: str) -> tuple[int, ...]:
+    numbers = tuple(_positive(part) for part in text.split(","))
+    if len(numbers) != 3:
+        raise argparse.ArgumentTypeError(f"{text} is not FACTOR,SPP,STEPS")
+    return numbers
 
 
 def _edit(text: str) -> tuple[str, float | tuple[float, ...]]:

@@ -54,6 +54,49 @@ def fit(args: argparse.Namespace) -> dict:
     return {**material.report, "output": str(output)}
 
 
+def fit_images(args: argparse.Namespace) -> dict:
+    output = _output(args.output, (".bsdf",))
+    mi = _set_variant(args.variant)
+    from tqdm import tqdm
+
+    from . import inverse, inverse_picture
+    from .data._io import require_file
+    from .view_files import read_views
+
+    file = require_file(args.scene, f'fit-images "{args.scene}"')
+    define = dict(args.define)
+    if "$material" in file.read_text(encoding="utf-8"):
+        define.setdefault("material", str(_network_path(args.network)))
+    scene, views = mi.load_file(str(file), **define), read_views(args.views)
+    with tqdm(desc=f"fit {len(views)} views", unit=" steps", disable=args.json, leave=False) as bar:
+
+        def progress(stage, step, loss):
+            bar.update()
+            bar.set_postfix_str(f"{stage}, loss {loss:.5f}")
+
+        found = inverse.fit_images(
+            scene,
+            views,
+            unknowns=args.unknown,
+            light_scale=args.light_scale,
+            stages=args.stages or inverse.STAGES,
+            seed=args.seed,
+            callback=progress,
+            preview=args.preview,
+        )
+    outputs = []
+    for name, material in found.materials.items():
+        outputs.append(output if len(found.materials) == 1 else output.with_stem(f"{output.stem}_{name}"))
+        material.save(outputs[-1])
+        print(f"{material.show()}\n{outputs[-1]}")
+    if args.preview:
+        inverse_picture.draw_views(views, found.renders, Path(args.preview) / "views.png")
+        inverse_picture.draw_convergence(found.curve, Path(args.preview) / "convergence.png")
+    for row in found.report["views"]:
+        print(f"{row['name']} ({row['split']}): mean abs log difference {row['mean_abs_log']:.4f}")
+    return {**found.report, "curve": found.curve, "outputs": [str(path) for path in outputs]}
+
+
 def render(args: argparse.Namespace) -> dict:
     output = _output(args.output, _IMAGES)
     mi = _set_variant(args.variant)
@@ -305,9 +348,12 @@ def _json_or_text(value: str):
 
 
 def _network(name: str):
-    from ._files import network_file
     from .material import Material
 
-    if name.endswith(".toml"):
-        return Material.analytic(name)
-    return Material.load(name if name.endswith(".bsdf") else network_file(name))
+    return Material.analytic(name) if name.endswith(".toml") else Material.load(_network_path(name))
+
+
+def _network_path(name: str) -> Path:
+    from ._files import network_file
+
+    return Path(name) if name.endswith(".bsdf") else network_file(name)

@@ -1,0 +1,171 @@
+"""Steps down the difference between a scene and photographs of it: Adam on gradients of Mitsuba's ``prb``."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from drjit.opt import Adam
+
+from .photographs import Target
+from .unknowns import Unknown, get, put
+
+
+class Descent:
+    """The values that move, and what moves them. The scene always holds the values of the last step.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+    unknowns : sequence of Unknown
+    light : Unknown or None
+        If given, a factor of all that is rendered is sought, too.
+    measure : callable
+        ``measure(image, target) -> loss``, see :func:`mi_enhance.photographs.loss`.
+    max_depth, seed : int
+    """
+
+    def __init__(
+        self,
+        scene: mi.Scene,
+        unknowns: Sequence[Unknown],
+        light: Unknown | None,
+        measure: Callable,
+        max_depth: int,
+        seed: int,
+    ):
+        self.scene, self.unknowns, self.light, self.measure = scene, tuple(unknowns), light, measure
+        self.params = mi.traverse(scene)
+        self.curve: list[dict] = []  # step, seconds, loss
+        self.nonfinite = 0  # components of gradients that were set to 0
+        self.start = time.perf_counter()
+        self._gradients = mi.load_dict({"type": "prb", "max_depth": max_depth})
+        self._path = mi.load_dict({"type": "path", "max_depth": max_depth})
+        self._seed = 1000 * seed
+        values = {u.key: get(self.params, u.key) for u in self.unknowns}
+        # Frozen: tracing a scene with networks takes longer than running it. Gradients of textures would get lost.
+        is_textured = any(isinstance(self.params[u.key], mi.TensorXf) for u in self.unknowns)
+        self._backward = self._trace_backward if is_textured else dr.freeze(self._trace_backward)
+        self._primal = dr.freeze(lambda scene, *rest: self._trace_primal(scene, *rest))
+        self.put(values | ({light.key: np.ones(1)} if light else {}))
+
+    # ------------------------------------------------------------------ values
+
+    def put(self, values: Mapping[str, np.ndarray]) -> None:
+        """Go on from other values of some scene parameters, unknown or not; Adam forgets what it has seen."""
+        moved = getattr(self, "_moved", {})
+        known = {u.key: u for u in self._all()}
+        for key, value in values.items():
+            if key in known:
+                size = moved[key].size if key in moved else np.size(value)
+                moved[key] = known[key].to(np.broadcast_to(np.asarray(value, np.float64).ravel(), size))
+            else:
+                put(self.params, key, value)
+        self._moved = moved
+        self._adam = Adam(lr=1e-3, params={key: mi.Float(v.astype(np.float32)) for key, v in moved.items()})
+        self._update(attach=False)
+
+    def values(self) -> dict[str, np.ndarray]:
+        """All unknowns, physical and flat."""
+        return {u.key: u.back(self._moved[u.key]) for u in self._all()}
+
+    def _all(self) -> tuple[Unknown, ...]:
+        return (*self.unknowns, self.light) if self.light else self.unknowns
+
+    def _update(self, attach: bool) -> tuple[dict, mi.Float]:
+        """Hand the values to the scene; return those that gradients arrive at, and the factor of the light."""
+        for u in self.unknowns:
+            put(self.params, u.key, u.back(self._moved[u.key]))
+            value = self.params[u.key]
+            dr.make_opaque(value)  # data of the compiled function, not part of its code
+            if attach:
+                dr.enable_grad(value)
+            self.params[u.key] = value
+        self.params.update()
+        light = dr.opaque(mi.Float, float(self.light.back(self._moved[self.light.key])[0]) if self.light else 1.0)
+        if attach and self.light:
+            dr.enable_grad(light)
+        return {u.key: self.params[u.key] for u in self.unknowns}, light
+
+    # ------------------------------------------------------------------ rendering
+
+    def render(self, target: Target, spp: int, seed: int) -> np.ndarray:
+        """The scene as the cameras of a target see it, (H, views * W, 3)."""
+        light = dr.opaque(mi.Float, float(self.values()[self.light.key][0]) if self.light else 1.0)
+        with _no_collection():
+            return np.array(self._primal(self.scene, target.sensor, light, dr.opaque(mi.UInt32, seed), spp))
+
+    def _trace_primal(self, scene, sensor, light, seed, spp: int):
+        with dr.suspend_grad():
+            return light * mi.render(scene, sensor=sensor, integrator=self._path, spp=spp, seed=seed)
+
+    def _trace_backward(self, scene, values, sensor, image, weight, saturated, light, seed, spp: int):
+        # values and light are arguments although the scene knows them: gradients arrive there
+        target = Target((), sensor, image, weight, saturated)
+        rendered = light * mi.render(
+            scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, seed=seed
+        )  # prb draws other random numbers for the gradient than for the residual
+        loss = self.measure(rendered, target)
+        dr.backward(loss)
+        return dr.detach(loss), dr.detach(rendered)
+
+    def _next_seed(self):
+        self._seed += 1
+        return dr.opaque(mi.UInt32, self._seed)
+
+    # ------------------------------------------------------------------ steps
+
+    def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> mi.TensorXf:
+        """One step against the gradient; the image that it was taken from is returned, the loss is in the curve."""
+        values, light = self._update(attach=True)
+        with _no_collection():
+            loss, image = self._backward(
+                self.scene,
+                values,
+                target.sensor,
+                target.image,
+                target.weight,
+                target.saturated,
+                light,
+                self._next_seed(),
+                spp,
+            )
+        self._adam.set_learning_rate(rate)
+        for u in self._all():
+            gradient = np.array(dr.grad(light if u is self.light else values[u.key]), np.float64).ravel()
+            moved = self._moved[u.key]
+            if hold_late and u.is_late:
+                gradient = np.zeros_like(moved)
+            finite = np.isfinite(gradient)
+            self.nonfinite += int((~finite).sum())
+            slope = np.where(finite, gradient, 0) * u.slope(moved)
+            dr.set_grad(self._adam[u.key], mi.Float(slope.astype(np.float32)))
+        self._adam.step()
+        for u in self._all():
+            low, high = u.bounds
+            self._adam[u.key] = dr.clip(dr.detach(self._adam[u.key]), low, high)
+            self._moved[u.key] = np.array(dr.detach(self._adam[u.key]), np.float64)
+        seconds = time.perf_counter() - self.start
+        self.curve.append({"step": len(self.curve) + 1, "seconds": seconds, "loss": float(loss.array[0])})
+        return image
+
+    def settle(self) -> None:
+        """Hand the values of the last step to the scene, without gradients."""
+        self._update(attach=False)
+
+
+@contextlib.contextmanager
+def _no_collection():
+    """No garbage collection while Dr.Jit records: what it frees in between would abort the process."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

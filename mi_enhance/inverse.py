@@ -1,0 +1,292 @@
+"""Fitting materials to photographs: known geometry and light, sought parameters, gradients through the renderer."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from . import inverse_picture, inverse_starts, photographs, sampling
+from . import unknowns as unknown_parameters
+from .fit import require_rgb
+from .image_descent import Descent
+from .losses import log_l1
+from .material import Material
+from .metrics import psnr
+from .normalise import normalise, plain
+from .parameters import Parameter
+from .unknowns import Placed, Unknown
+from .views import View
+
+# Size of the images as 1 / factor, samples per pixel, iterations: coarse to fine.
+STAGES = ((2, 8, 80), (1, 16, 120))
+_SURVIVORS, _TRIAL = 3, 25  # starts that go down a way, and how far, before the best is taken
+_START_SIZE, _START_SPP = 24, 16  # pixels on a side at which starts are compared
+_LATE = 0.2  # of the first stage's iterations without the latent numbers
+_FINAL_SPP = 128
+_RECENT = 5  # iterations whose mean is the loss: one alone is a matter of chance
+PREVIEW = 20  # iterations from one preview to the next
+_LAST_RATE = 0.05  # learning rate at the end, as a share of that at the start
+LIGHT = Parameter("light_scale", 1, 1e-3, 1e3, 1.0, log=True)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ImageFit:
+    """What a fit to images has found.
+
+    Parameters
+    ----------
+    materials : dict of str to Material
+        By id of the BSDF; only those of whose parameters none is textured.
+    values : dict of str to array
+        Every unknown by its key in ``mi.traverse(scene)``, flat.
+    report : dict
+        ``loss``, ``seconds``, ``iterations``, ``light_scale``, ``nonfinite_gradients`` (components that were set to 0),
+        ``views`` (name, split, ``mean_abs_log`` and ``psnr`` of each re-render over the pixels that count),
+        ``mean_abs_log`` (``train`` and ``test``), and the settings. JSON types only.
+    curve : list of dict
+        ``step``, ``seconds``, ``loss`` of every iteration; another stage sees other pixels and another noise.
+    renders : list of array (H, W, 3)
+        Re-renders of all views, in their order.
+    """
+
+    materials: dict[str, Material]
+    values: dict[str, np.ndarray]
+    report: dict
+    curve: list[dict]
+    renders: list[np.ndarray]
+
+
+def fit_images(
+    scene: mi.Scene,
+    views: Sequence[View],
+    *,
+    materials: Mapping[str, Material] | None = None,
+    unknowns: Sequence[str | Unknown] | None = None,
+    starts: Sequence[Mapping[str, np.ndarray]] = (),
+    light_scale: bool = False,
+    loss: str = "log",
+    stages: Sequence[tuple[int, int, int]] = STAGES,
+    lr: float = 0.05,
+    max_depth: int = 4,
+    seed: int = 0,
+    callback: Callable | None = None,
+    preview: str | Path | None = None,
+) -> ImageFit:
+    """Find the parameters with which a scene looks like photographs of it. The scene keeps them.
+
+    Adam descends through Mitsuba's ``prb``, coarse images first, from the best of several starts: those of the model,
+    and for a network training materials, each with the colours that explain the images best. Latent numbers join when
+    the analytic parameters have settled. Residual and gradient come from different random numbers.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+        Geometry and light as they are, with at least one BSDF of type ``enhanced``, or other `unknowns`.
+    views : sequence of View
+        Those of split "train" are fitted, the others only reported.
+    materials : dict of str to Material, optional
+        By id of the BSDF, what the scene was loaded with; needed only for the library of starts of a network that came
+        from memory.
+    unknowns : sequence of str or Unknown, optional
+        Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.unknowns`. All but the
+        tilt of the normal if left out.
+    starts : sequence of dict, optional
+        More starts: values by key of ``mi.traverse(scene)``.
+    light_scale : bool
+        Whether the brightness of all light is sought, too, as one factor.
+    loss : {"log", "relative"}
+        See :func:`mi_enhance.photographs.loss`.
+    stages : sequence of (int, int, int)
+        For each: 1 / size of the images, samples per pixel, iterations.
+    lr : float
+        Learning rate in the space in which the parameters move; falls like a cosine.
+    max_depth : int
+        Longest path.
+    seed : int
+    callback : callable, optional
+        ``callback(stage, step, loss)`` after every iteration.
+    preview : str or Path, optional
+        Folder for pictures of photographs over renders, one every few iterations.
+
+    Returns
+    -------
+    ImageFit
+
+    Raises
+    ------
+    ValueError
+        For a scene without unknowns, unknown names, no view to fit, or settings out of range.
+    RuntimeError
+        If no RGB variant with gradients is active.
+
+    Examples
+    --------
+    >>> from mi_enhance import scene, views
+    >>> cameras = views.around(1, target=(0, 1, 0), distance=5, resolution=16)
+    >>> paint = Material.analytic("ggx").edit(rho_d=(0.6, 0.1, 0.1), rho_s=0.0)
+    >>> photos = views.render_views(scene.load("sphere_envmap", paint.bsdf(), resolution=16), cameras, spp=64)
+    >>> ball = scene.load("sphere_envmap", Material.analytic("ggx").bsdf(), resolution=16)
+    >>> found = fit_images(ball, photos, unknowns=["rho_d", "rho_s"], stages=[(1, 16, 10)], max_depth=2)
+    >>> found.report["mean_abs_log"]["train"] < 0.03
+    True
+    """
+    start = time.perf_counter()
+    require_rgb("fit_images()")
+    train = _checked(views, stages, lr, max_depth)
+    scale = photographs.brightness(train)
+    measure = photographs.loss(loss, scale)
+    sought = _unknowns(scene, unknowns)
+    placed = unknown_parameters.placed(mi.traverse(scene), materials)
+    light = Unknown("light_scale", LIGHT) if light_scale else None
+    descent = Descent(scene, sought, light, measure, max_depth, seed)
+    callback, folder = callback or (lambda *_: None), _folder(preview)
+
+    def go(stage, targets, spp, rates, late=0):
+        for k, rate in enumerate(rates):
+            target = targets[k % len(targets)]
+            image = descent.step(target, spp, rate, hold_late=k < late)
+            step, value = descent.curve[-1]["step"], descent.curve[-1]["loss"]
+            callback(stage, step, value)
+            if folder and (step - 1) % PREVIEW == 0:
+                inverse_picture.preview(target, np.array(image), folder / f"step_{step:04d}.png")
+
+    targets = photographs.targets(train, stages[0][0])
+    ways = _starts(descent, placed, train, scale, starts, seed)
+    ends = []
+    for k, way in enumerate(ways if len(ways) > 1 else ()):
+        descent.put(way)
+        go(f"start {k + 1} of {len(ways)}", targets, stages[0][1], [lr] * _TRIAL)
+        recent = [row["loss"] for row in descent.curve[-_RECENT:]]
+        ends.append((float(np.mean(recent)), descent.values()))
+    descent.put(min(ends, key=lambda end: end[0])[1] if ends else ways[0])
+    rates = _rates(lr, sum(steps for *_, steps in stages))
+    for k, (factor, spp, steps) in enumerate(stages):
+        targets = targets if k == 0 else photographs.targets(train, factor)
+        own, rates = rates[:steps], rates[steps:]
+        go(f"stage {k + 1} of {len(stages)}", targets, spp, own, round(_LATE * steps) if k == 0 else 0)
+    descent.settle()
+    settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": max_depth, "seed": seed}
+    return _result(descent, placed, views, settings, start)
+
+
+def _checked(views: Sequence[View], stages, lr: float, max_depth: int) -> list[View]:
+    """The views to fit; everything is looked at before anything is rendered."""
+    train = [v for v in views if v.split == "train"]
+    if not train:
+        raise ValueError(f'fit_images(): none of the {len(views)} views has split "train". At least one is needed.')
+    names = [v.name for v in views]
+    if len(set(names)) < len(names):
+        raise ValueError("fit_images(): two views have the same name. Rename one.")
+    for stage in stages:
+        if len(stage) != 3 or any(not isinstance(n, int) or n < 1 for n in stage):
+            raise ValueError(
+                f"fit_images(): stage {stage!r} must be positive integers: 1 / size, samples per pixel, iterations."
+            )
+    if not stages:
+        raise ValueError("fit_images(): stages is empty. At least one is needed, such as (1, 16, 100).")
+    if not 0 < lr < 10:
+        raise ValueError(f"fit_images(): lr = {lr} is out of range: above 0, below 10.")
+    if not isinstance(max_depth, int) or max_depth < 2:
+        raise ValueError(f"fit_images(): max_depth is {max_depth!r}; 2 (light, surface, camera) is the least.")
+    return train
+
+
+def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
+    given = list(unknowns) if unknowns is not None else []
+    names, sought = [u for u in given if isinstance(u, str)], [u for u in given if not isinstance(u, str)]
+    if unknowns is None or names:
+        sought += unknown_parameters.enhanced(scene, names or None)
+    if not sought:
+        raise ValueError("fit_images(): unknowns is empty. Name what is sought, or leave it out.")
+    unknown_parameters.check(scene, sought)
+    return sought
+
+
+def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float, given, seed: int) -> list[dict]:
+    """Values to start from, the most promising first; several only where there is a single material."""
+    size = max(max(v.size) for v in train)
+    targets = photographs.targets(train, max(1, round(size / _START_SIZE)))
+    render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
+    free = {u.key for u in descent.unknowns}
+    first, ways = dict(descent.values()), []
+    for one in placed.values():
+        if not free.issuperset(one.keys[n] for n in one.moving()):
+            continue  # some of its parameters are known or textured: it starts as it is
+        ranked = []
+        for material in inverse_starts.candidates(one):
+            params = descent.params
+            found, error = inverse_starts.with_best_colours(one, plain(material), params, targets, render, scale)
+            ranked.append((error, one.assignment(found)))
+        ranked.sort(key=lambda pair: pair[0])
+        ways = [{**first, **way} for _, way in ranked[:_SURVIVORS]]
+        first.update(ranked[0][1])
+        descent.put(first)
+    if given:
+        errors = []
+        for way in given:
+            descent.put({**first, **way})
+            errors.append(sum(float(descent.measure(mi.TensorXf(render(t)), t).array[0]) for t in targets))
+        ways += [{**first, **given[k]} for k in np.argsort(errors)[:_SURVIVORS]]
+    return ways if ways and len(placed) < 2 else [first]
+
+
+def _rates(lr: float, n: int) -> np.ndarray:
+    """A cosine from `lr` down to a share of it."""
+    return lr * (_LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + np.cos(np.pi * np.arange(n) / max(n, 1))))
+
+
+def _folder(path) -> Path | None:
+    if path is None:
+        return None
+    Path(path).mkdir(parents=True, exist_ok=True)
+    return Path(path)
+
+
+def _result(descent: Descent, placed: Mapping[str, Placed], views, settings: dict, start: float) -> ImageFit:
+    renders = {}
+    for target in photographs.targets(views):
+        images = photographs.split(descent.render(target, _FINAL_SPP, settings["seed"]), target)
+        renders |= dict(zip((v.name for v in target.views), images, strict=True))
+    rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in views]
+    report = {
+        "mean_abs_log": {s: _mean(r["mean_abs_log"] for r in rows if r["split"] == s) for s in ("train", "test")},
+        "loss": float(np.mean([row["loss"] for row in descent.curve[-_RECENT:]])),
+        "seconds": time.perf_counter() - start,
+        "iterations": len(descent.curve),
+        "n_unknowns": sum(v.size for v in descent.values().values()),
+        "light_scale": float(descent.values()["light_scale"][0]) if descent.light else 1.0,
+        "nonfinite_gradients": descent.nonfinite,
+        "views": rows,
+        "settings": settings,
+    }
+    materials = {}
+    for name, one in placed.items():
+        if not one.is_textured:
+            found = normalise(dataclasses.replace(one.read(descent.params), report=_of_material(report), library=None))
+            materials[name] = dataclasses.replace(found, lobe_albedo=sampling.lobe_albedo(found))
+    return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in views])
+
+
+def _of_material(report: dict) -> dict:
+    """What the file of a material keeps."""
+    kept = ("loss", "seconds", "iterations", "n_unknowns", "light_scale", "nonfinite_gradients", "settings")
+    means = {f"mean_abs_log_{s}": v for s, v in report["mean_abs_log"].items() if v is not None}
+    return {"method": "images", **{key: report[key] for key in kept}, **means}
+
+
+def errors(view: View, image: np.ndarray) -> dict[str, float | None]:
+    """Mean absolute log difference and PSNR (None: equal) of a re-render over the pixels that count."""
+    truth = np.maximum(view.image[view.mask], 0)
+    found = np.where(view.saturated[view.mask], np.minimum(image[view.mask], truth), image[view.mask])
+    decibel = psnr(found[:, None], truth[:, None])
+    return {"mean_abs_log": log_l1(found, truth, 1.0), "psnr": decibel if np.isfinite(decibel) else None}
+
+
+def _mean(values) -> float | None:
+    values = list(values)
+    return float(np.mean(values)) if values else None

@@ -1,0 +1,67 @@
+"""Pictures of a fit to images: photographs over renders, error maps, error against time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from .data._io import replacing
+from .metrics import encode_srgb
+from .photographs import Target
+from .picture import sheet
+from .views import View
+
+_SHOWN = 6  # views in a picture
+_TOP = 0.3  # of the error maps: abs(log(1 + photo) - log(1 + render))
+
+
+def preview(target: Target, image: np.ndarray, path: str | Path) -> None:
+    """Write the first views of a target as PNG, photographs over the render of an iteration."""
+    width = target.views[0].size[0] * min(_SHOWN, len(target.views))
+    both = np.concatenate([np.array(target.image)[:, :width], image[:, :width]])
+    bitmap = mi.Bitmap(np.round(encode_srgb(both) * 255).astype(np.uint8))
+    with replacing(path) as temporary:
+        bitmap.write(temporary)
+
+
+def draw_views(views: Sequence[View], renders: Sequence[np.ndarray], path: str | Path) -> None:
+    """Write photograph, re-render and error map of some views as PNG: held-out ones first, then evenly spread.
+
+    Examples
+    --------
+    >>> draw_views(views, fit.renders, "views.png")  # doctest: +SKIP
+    """
+    order = sorted(range(len(views)), key=lambda k: views[k].split != "test")
+    if len(order) > _SHOWN:
+        order = [order[k] for k in np.linspace(0, len(order) - 1, _SHOWN).round().astype(int)]
+    with sheet(path, (1.8 * len(order), 5.6), 110) as figure:
+        axes = figure.subplots(3, len(order), squeeze=False)
+        for ax in axes.flat:
+            ax.set(xticks=[], yticks=[])
+        for column, k in zip(axes.T, order, strict=True):
+            view, render = views[k], renders[k]
+            error = np.abs(np.log1p(np.maximum(render, 0)) - np.log1p(np.maximum(view.image, 0))).mean(-1)
+            column[0].imshow(encode_srgb(view.image))
+            column[0].set_title(f"{view.name}\n{'held out' if view.split == 'test' else 'fitted'}", fontsize=8)
+            column[1].imshow(encode_srgb(render))
+            shown = column[2].imshow(np.where(view.mask, error, 0), cmap="inferno", vmin=0, vmax=_TOP)
+        for ax, label in zip(axes[:, 0], ("photograph", "re-render", "error"), strict=True):
+            ax.set_ylabel(label, fontsize=9)
+        figure.colorbar(shown, ax=axes[2].tolist(), label="abs. log difference", extend="max")
+
+
+def draw_convergence(curve: Sequence[dict], path: str | Path) -> None:
+    """Write loss against seconds as PNG; compilation is where nothing happens.
+
+    Examples
+    --------
+    >>> draw_convergence(fit.curve, "convergence.png")  # doctest: +SKIP
+    """
+    with sheet(path, (7, 4), 100) as figure:
+        axes = figure.add_subplot()
+        axes.plot([row["seconds"] for row in curve], [row["loss"] for row in curve], ".-", ms=3, lw=0.8)
+        axes.set(xlabel="seconds", ylabel="loss", yscale="log")
+        axes.grid(alpha=0.3, which="both")

@@ -1,0 +1,126 @@
+"""Where a fit to images starts: sets of parameters, with the colours that explain the photographs best."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import mitsuba as mi
+import numpy as np
+
+from . import parameters
+from .material import Material
+from .parameters import FRAME
+from .photographs import Target
+from .unknowns import Placed, linear_colours, put
+
+_LIBRARY = 48  # training materials that are tried, as different from one another as can be
+_SWEEPS = 4  # reweighted least squares towards the L1 solution
+# Least colour, and the other one of renders that measure what each contributes. Not 0: what is 0 is left out of the
+# BSDF, which makes another kernel.
+_DARK, _BRIGHT = 1e-4, 1.0
+
+
+def candidates(one: Placed) -> list[Material]:
+    """The material as it is, the starts of its analytic model, and a selection of the training materials."""
+    brdf = one.material.brdf
+    values = parameters.initial(brdf.parameters)
+    result = [one.material]
+    result += [Material(brdf, {**values, **start}) for start in brdf.model.starts]
+    library = one.material.library
+    if library is not None:
+        for k in spread(library_shapes(brdf, library), _LIBRARY):
+            row = parameters.unflatten(brdf.parameters, np.asarray(library[k], np.float64))
+            # the frame of a measurement is no property of the material
+            own = {p.name: np.clip(row[p.name], p.low, p.high) for p in brdf.parameters if p.name not in FRAME}
+            result.append(Material(brdf, own))
+    return result
+
+
+def library_shapes(brdf, library: np.ndarray) -> np.ndarray:
+    """What tells training materials apart besides their colours, each number over its spread."""
+    free = np.concatenate([np.full(p.size, not (p.is_colour or p.fixed)) for p in brdf.parameters])
+    u = parameters.Space(brdf.parameters).to(np.asarray(library, np.float64))[:, free]
+    return (u - u.mean(0)) / (u.std(0) + 1e-6)  # 1e-6: what never varies
+
+
+def spread(x: np.ndarray, n: int) -> list[int]:
+    """Rows of `x` that lie far from one another, the one nearest to the mean first.
+
+    Examples
+    --------
+    >>> spread(np.array([[0.0], [0.1], [1.0], [-1.1]]), 3)
+    [0, 3, 2]
+    """
+    chosen = [int(np.argmin(((x - x.mean(0)) ** 2).sum(1)))]
+    nearest = ((x - x[chosen[0]]) ** 2).sum(1)
+    while len(chosen) < min(n, len(x)):
+        chosen.append(int(np.argmax(nearest)))
+        nearest = np.minimum(nearest, ((x - x[chosen[-1]]) ** 2).sum(1))
+    return chosen
+
+
+def with_best_colours(
+    one: Placed,
+    material: Material,
+    params: mi.SceneParameters,
+    targets: Sequence[Target],
+    render: Callable,
+    scale: float,
+) -> tuple[Material, float]:
+    """The material with the colours that explain the targets best, and its loss.
+
+    A render is linear in the colours, but for light that meets the material twice: one render with all colours dark and
+    one for each tell the rest.
+
+    Parameters
+    ----------
+    render : callable
+        ``render(target) -> array``, of the scene as it is.
+    """
+    colours = [p for p in linear_colours(material) if one.keys.get(p.name, "").endswith(f".{p.name}")]
+
+    def pictures(**values):
+        for key, value in one.assignment(material.edit(**values)).items():
+            put(params, key, value)
+        params.update()
+        return np.concatenate([render(t).reshape(-1, 3) for t in targets])
+
+    truth = np.concatenate([np.array(t.image).reshape(-1, 3) for t in targets])
+    weight = np.concatenate([np.array(t.weight).reshape(-1, 3) for t in targets]) / len(targets)
+    if not colours:
+        return material, _error(pictures(), truth, weight, scale)
+    dark = {p.name: _DARK for p in colours}
+    base = pictures(**dark)
+    parts = np.stack([(pictures(**{**dark, p.name: _BRIGHT}) - base) / (_BRIGHT - _DARK) for p in colours])
+    found, prediction = np.zeros((len(colours), 3)), np.empty_like(truth)
+    for c in range(3):
+        w = weight[:, c] / (truth[:, c] + scale) ** 2
+        for _ in range(_SWEEPS):
+            found[:, c] = _bounded(parts[:, :, c].T, truth[:, c] - base[:, c], w, [p.high for p in colours])
+            prediction[:, c] = base[:, c] + found[:, c] @ parts[:, :, c]
+            distance = np.abs(np.log1p(np.maximum(prediction[:, c], 0) / scale) - np.log1p(truth[:, c] / scale))
+            # 0.01: what is explained to a percent counts no more for being explained better
+            w = weight[:, c] / (truth[:, c] + scale) ** 2 / (distance + 0.01)
+    fitted = material.edit(**{p.name: np.maximum(found[k], _DARK) for k, p in enumerate(colours)})
+    return fitted, _error(prediction, truth, weight, scale)
+
+
+def _error(image, truth, weight, scale) -> float:
+    return float((weight * np.abs(np.log1p(np.maximum(image, 0) / scale) - np.log1p(truth / scale))).sum())
+
+
+def _bounded(a: np.ndarray, b: np.ndarray, w: np.ndarray, high: Sequence[float]) -> np.ndarray:
+    """Least squares with 0 <= x <= high: the best of all choices of which of the few unknowns are free."""
+    n = a.shape[1]
+    h, g = (a * w[:, None]).T @ a, (a * w[:, None]).T @ b
+    best, least = np.zeros(n), np.inf
+    for free in itertools.product((False, True), repeat=n):
+        x, index = np.zeros(n), np.flatnonzero(free)
+        # 1e-9 of the trace: a colour that no pixel shows leaves the equations singular
+        system = h[np.ix_(index, index)] + 1e-9 * np.trace(h) * np.eye(len(index)) + 1e-30 * np.eye(len(index))
+        x[index] = np.clip(np.linalg.solve(system, g[index]), 0, np.asarray(high)[index])
+        error = x @ h @ x - 2 * g @ x
+        if error < least:
+            best, least = x, error
+    return best

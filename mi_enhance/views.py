@@ -1,0 +1,193 @@
+"""Photographs with poses: the record, cameras around an object, renders of a scene in the place of photographs.
+
+The camera convention is OpenGL's, as in most such files: ``transform_matrix`` takes camera to world coordinates, the
+camera looks along its -z, +y is up, +x right. Mitsuba's cameras look along +z with +x to the left; this file is the one
+place that translates.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import mitsuba as mi
+import numpy as np
+
+_TURN = np.diag([-1.0, 1.0, -1.0, 1.0])  # OpenGL's camera to Mitsuba's: half a turn about y
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class View:
+    """One photograph. Immutable.
+
+    Parameters
+    ----------
+    name : str
+        Unique; the path of its file without suffix.
+    image : array (H, W, 3)
+        Linear RGB radiance, float32.
+    to_world : array (4, 4)
+        Camera to world, OpenGL convention, float64.
+    fov : float
+        Field of view over the width, degrees.
+    mask : array (H, W) of bool, optional
+        Pixels that count; all if left out.
+    split : {"train", "test"}
+        What is fitted, or held out and only reported.
+    ceiling : float
+        Value at which the camera saturates: there the scene may be brighter. 1 for 8-bit images, else infinite.
+    center : (float, float)
+        Where the optical axis meets the image, as shares of width and height from the upper left corner.
+
+    Examples
+    --------
+    >>> view = View("front", np.zeros((4, 6, 3), np.float32), np.eye(4), 40.0)
+    >>> view.size, view.mask.all()
+    ((6, 4), True)
+    """
+
+    name: str
+    image: np.ndarray
+    to_world: np.ndarray
+    fov: float
+    mask: np.ndarray | None = None
+    split: str = "train"
+    ceiling: float = math.inf
+    center: tuple[float, float] = (0.5, 0.5)
+
+    def __post_init__(self):
+        if self.mask is None:
+            object.__setattr__(self, "mask", np.ones(self.image.shape[:2], bool))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.image.shape[1], self.image.shape[0]
+
+    @property
+    def saturated(self) -> np.ndarray:
+        """Where the photograph only says "at least this bright", (H, W, 3) of bool."""
+        return self.image >= self.ceiling * (1 - 1e-6)  # 1e-6: float32
+
+    def sensor(self) -> dict:
+        """The camera for ``mi.load_dict``; every pixel is the mean over its square."""
+        width, height = self.size
+        return {
+            "type": "perspective",
+            "fov": self.fov,
+            "fov_axis": "x",
+            "principal_point_offset_x": self.center[0] - 0.5,
+            "principal_point_offset_y": self.center[1] - 0.5,
+            "to_world": mi.ScalarTransform4f((self.to_world @ _TURN).tolist()),
+            "sampler": {"type": "independent"},
+            "film": {
+                "type": "hdrfilm",
+                "width": width,
+                "height": height,
+                "pixel_format": "rgb",
+                "rfilter": {"type": "box"},
+            },
+        }
+
+    def smaller(self, factor: int) -> View:
+        """The same view with `factor` x `factor` pixels averaged; a block counts if all of its pixels do.
+
+        What is left over at the right and lower border is cut off. A block with a saturated pixel is known from below
+        only: its value is taken as saturated if it is, and left out of the mask else.
+        """
+        if factor == 1:
+            return self
+        height, width = (n // factor for n in self.image.shape[:2])
+        if not min(width, height):
+            raise ValueError(
+                f'view "{self.name}": {self.size[0]} x {self.size[1]} pixels cannot be {factor} x smaller.'
+            )
+
+        def blocks(a):
+            return a[: height * factor, : width * factor].reshape(height, factor, width, factor, *a.shape[2:])
+
+        full, rest = blocks(self.saturated).all((1, 3)), blocks(self.saturated).any((1, 3))
+        image = blocks(self.image).mean((1, 3), dtype=np.float64).astype(np.float32)
+        share = width * factor / self.size[0], height * factor / self.size[1]
+        return dataclasses.replace(
+            self,
+            image=image,
+            mask=blocks(self.mask).all((1, 3)) & ~(rest & ~full).any(-1),
+            # the width that is left covers less of the plane in front of the camera
+            fov=math.degrees(2 * math.atan(share[0] * math.tan(math.radians(self.fov) / 2))),
+            center=(self.center[0] / share[0], self.center[1] / share[1]),
+        )
+
+
+def around(
+    n: int,
+    *,
+    target,
+    distance: float,
+    elevations=(15.0, 40.0, 65.0),
+    fov: float = 30.0,
+    resolution: int = 64,
+    start=0.0,
+) -> list[View]:
+    """Cameras around an object that look at it, +y up, as black views to be rendered.
+
+    Parameters
+    ----------
+    n : int
+        Their number; azimuths are spread evenly.
+    target : (float, float, float)
+        What they look at.
+    distance : float
+    elevations : sequence of float
+        Degrees above the horizon, taken in turn.
+    fov : float
+        Degrees.
+    resolution : int
+        Pixels on a side.
+    start : float
+        Azimuth of the first, degrees from +z towards +x.
+
+    Examples
+    --------
+    >>> [v.name for v in around(2, target=(0, 1, 0), distance=5)]
+    ['view_00', 'view_01']
+    """
+    result = []
+    for k in range(n):
+        azimuth, elevation = math.radians(start + 360 * k / n), math.radians(elevations[k % len(elevations)])
+        back = np.array(
+            [math.sin(azimuth) * math.cos(elevation), math.sin(elevation), math.cos(azimuth) * math.cos(elevation)]
+        )
+        right = np.cross([0, 1, 0], back)
+        right /= np.linalg.norm(right)
+        to_world = np.eye(4)
+        to_world[:3, :4] = np.stack((right, np.cross(back, right), back, np.asarray(target) + distance * back), 1)
+        black = np.zeros((resolution, resolution, 3), np.float32)
+        result.append(View(f"view_{k:02d}", black, to_world, fov))
+    return result
+
+
+def render_views(scene: mi.Scene, views: Sequence[View], *, spp: int = 64, seed: int = 0, max_depth: int = 6) -> list:
+    """The same views with images rendered from a scene.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+    views : sequence of View
+        Whose cameras are used.
+    spp, seed, max_depth : int
+        Samples per pixel, seed of the first view, longest path.
+
+    Returns
+    -------
+    list of View
+        Unsaturated, everything else as it was.
+    """
+    path = mi.load_dict({"type": "path", "max_depth": max_depth})
+    result = []
+    for k, view in enumerate(views):
+        sensor = mi.load_dict(view.sensor())
+        image = np.array(mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=seed + k), np.float32)
+        result.append(dataclasses.replace(view, image=image, ceiling=math.inf))
+    return result
