@@ -30,6 +30,7 @@ _NAMES = {
     "load": "material",
     "enhance": "enhance",
     "fit": "fit",
+    "check": "check",
     "specialize": "specialize",
     "train": "train",
     "search": "search",
