@@ -31,6 +31,7 @@ _NAMES = {
     "enhance": "enhance",
     "fit": "fit",
     "fit_images": "inverse",
+    "check": "check",
     "specialize": "specialize",
     "train": "train",
     "search": "search",

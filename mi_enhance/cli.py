@@ -27,7 +27,8 @@ def main(argv: list[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 done, 1 doctor found that rendering does not work, 2 an error, 130 interrupted.
+        Exit status: 0 done, 1 doctor found that rendering does not work or check that something is off, 2 an error,
+        130 interrupted.
 
     Examples
     --------
@@ -51,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     if args.json:
         print(json.dumps(result))
-    return 1 if args.command == "doctor" and not result["rendering_works"] else 0
+    return 0 if result.get("rendering_works", True) and result.get("ok", True) else 1
 
 
 def _one_line(error: BaseException) -> str:
@@ -145,6 +146,11 @@ def parser() -> argparse.ArgumentParser:
         "--set", dest="edits", type=_edit, action="append", default=[], metavar="NAME=V[,V,V]", help="edit a parameter"
     )
     p.add_argument("-o", "--output", metavar="NEW.bsdf", help="write the edited material")
+
+    p = add("check", "examine a material: NaN, negative values, reciprocity, albedo, chi-square; exit 1 if off", device)
+    p.add_argument("file", metavar="MAT.bsdf")
+    p.add_argument("-o", "--output", metavar="DIR", help="folder for the table and a picture")
+    p.add_argument("--seed", type=int, default=0)
 
     p = add("specialize", "make a material several times cheaper to render, with a stated error", sampled, device)
     p.add_argument("file", metavar="MAT.bsdf")

@@ -50,6 +50,7 @@ class Material:
     report: dict = dataclasses.field(default_factory=dict)
     library: np.ndarray | None = None
     lobe_albedo: float = 0.1
+    energy: bool = False
 
     def __post_init__(self):
         values = {**parameters.initial(self.brdf.parameters), **self.params}
@@ -128,6 +129,11 @@ class Material:
     def n_bytes(self) -> int:
         """Bytes that belong to this material alone, as float32; the weights are shared."""
         return 4 * self.brdf.n_parameters
+
+    @property
+    def reciprocal(self) -> bool:
+        """True if f(wi, wo) = f(wo, wi) by construction: the networks, if any, do not tell viewer from light."""
+        return self.brdf.inputs != "directions" and not self.params.get("asymmetry", np.zeros(1)).any()
 
     def vector(self) -> np.ndarray:
         """All parameters in order, float64."""

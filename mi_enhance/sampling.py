@@ -129,6 +129,31 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model 
     return dr.select(active, density, 0)
 
 
+def even_numbers(n: int, k=None) -> list[mi.Float]:
+    """Three coordinates in [0, 1) that fill the cube evenly: as good as many more random ones.
+
+    Parameters
+    ----------
+    n : int
+        Points.
+    k : mi.UInt32, optional
+        Which of them; all in order if left out.
+
+    References
+    ----------
+    Roberts 2018, *The Unreasonable Effectiveness of Quasirandom Sequences*, R3.
+
+    Examples
+    --------
+    >>> [len(v) for v in even_numbers(8)]
+    [8, 8, 8]
+    """
+    k = dr.arange(mi.UInt32, n) if k is None else k
+    # multiples of 2^-32 wrap around in 32 bits; as float32, k times a step would lose digits
+    steps = (3518319155, 2882110345, 2360945575)  # 2^32 / g, / g^2, / g^3 with g^4 = g + 1
+    return [mi.Float((k * mi.UInt32(step)) >> 8) * 2**-24 for step in steps]
+
+
 def lobe_albedo(material, n: int = 4096) -> float:
     """Albedo of the lobes for rho_s = 1 in all at 30 degrees, which decides how often they are sampled.
 
@@ -147,9 +172,7 @@ def lobe_albedo(material, n: int = 4096) -> float:
         At least 0.
     """
     params = material.lanes()
-    # Roberts 2018, R3 sequence: three coordinates that fill the cube evenly
-    u = [0.5 + a * dr.arange(mi.Float, n) for a in (0.8191725134, 0.6710436067, 0.5497004779)]
-    u = [v - dr.floor(v) for v in u]
+    u = even_numbers(n)
     wi = mi.Vector3f(0.5, 0, 0.8660254) + dr.zeros(mi.Vector3f, n)
     model = material.brdf.model
     lobes = model.lobes(params)

@@ -1,0 +1,216 @@
+"""Can a material be trusted? NaN, negative values, reciprocity, albedo, samples that follow their density."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from . import geometry, sampling
+from .density import SIGNIFICANCE, chi_square
+from .material import Material
+
+RECIPROCITY = 1e-6  # relative: float32 knows no more of a product of a dozen factors
+ALBEDO = 1 + 1e-4
+_DARK = 1e-6  # 1/sr: differences count relative to f, or to this where f is darker
+_HUNT = 1 << 18  # pairs of each kind
+_VIEWS = (0.0, 30.0, 60.0, 80.0, 89.0)  # degrees, of the chi-square tests
+_AZIMUTH = 0.5
+# Degrees at which the albedo is taken: it changes most towards the horizon.
+_ANGLES = (*range(0, 80, 10), 75, 80, 82.5, 85, 87, 88, 89, 89.5, 89.9, 89.99)
+_AZIMUTHS, _SAMPLES = 8, 1 << 13  # of each angle; samples of each azimuth
+_MAP = 45  # angles along either side of the map of reciprocity
+
+# key of a row: (header, format)
+COLUMNS = {"check": ("check", ""), "value": ("found", ".3g"), "allowed": ("allowed", ""), "verdict": ("", "")}
+
+
+def check(
+    material: Material, out_dir: str | Path | None = None, *, seed: int = 0, callback: Callable | None = None
+) -> dict:
+    """Examine a material as it is rendered: its values, its sampling, and the physics it claims.
+
+    Parameters
+    ----------
+    material : Material
+    out_dir : str or Path, optional
+        Where ``check.png`` (albedo over angle, map of the reciprocity error, peak of f) and the table ``check.csv``,
+        ``.json``, ``.md`` go; nothing is written if left out.
+    seed : int
+    callback : callable, optional
+        ``callback(what)`` before every part.
+
+    Returns
+    -------
+    dict
+        ``ok``: False if a value is NaN, infinite or negative, if the samples do not follow their density, or if
+        reciprocity (:attr:`Material.reciprocal`) or bounded energy (:attr:`Material.energy`) is claimed and missed.
+        ``rows``: one dict for each check, with ``check``, ``value``, ``allowed``, ``verdict`` ("ok", "off", or ""
+        for what is information only). ``files``: what was written, by suffix.
+
+    Raises
+    ------
+    RuntimeError
+        If no JIT variant with RGB colours is active.
+
+    Examples
+    --------
+    >>> check(Material.analytic("ggx"))["ok"]
+    True
+    """
+    variant = mi.variant() or "none"
+    if not variant.endswith("_rgb") or variant.startswith("scalar"):
+        raise RuntimeError(
+            f'check(): needs a JIT variant with RGB colours; "{variant}" is active. Call mi.set_variant("llvm_ad_rgb").'
+        )
+    callback = callback or (lambda _: None)
+    bsdf, rows = material.bsdf(), []
+
+    def add(name, value, allowed="", ok=None):
+        rows.append({
+            "check": name, "value": value, "allowed": allowed, "verdict": "" if ok is None else "ok" if ok else "off",
+        })  # fmt: skip
+
+    callback("values")
+    found = _hunt(bsdf, material, seed)
+    add("NaN or infinite", found["not_finite"], "0", found["not_finite"] == 0)
+    add("negative", found["negative"], "0", found["negative"] == 0)
+    add("evaluations", found["evaluations"])
+    add("largest f, 1/sr", found["peak"])
+    add("largest f cos / pdf", found["weight"])
+    callback("reciprocity")
+    reciprocity, worst = _reciprocity(bsdf)
+    add("reciprocity, relative", worst, *_claim(material.reciprocal, worst, RECIPROCITY))
+    callback("albedo")
+    albedo, peaks = _albedo(bsdf)
+    largest = float(albedo.max())
+    add("largest albedo", largest, *_claim(material.energy, largest, ALBEDO))
+    params, tests = material.lanes(), []
+    for degrees in _VIEWS:
+        callback(f"chi-square at {degrees:g} degrees")
+        wi = _direction(np.cos(np.deg2rad(degrees)), _AZIMUTH)
+        result = chi_square(bsdf, wi, params, material.brdf.model, test_count=len(_VIEWS), seed=seed)
+        tests += [(degrees, result)] if result else []
+    for degrees, result in tests:
+        allowed = f"{1 - (1 - SIGNIFICANCE) ** (1 / len(_VIEWS)):.4f}"
+        add(f"chi-square at {degrees:g}°, p at least", result["p_value"], allowed, result["passed"])
+    add("density over its integral", max((abs(r["normalisation"] - 1) for _, r in tests), default=0.0) + 1)
+    result = {"ok": all(row["verdict"] != "off" for row in rows), "rows": rows, "files": {}}
+    if out_dir is not None:
+        from .check_picture import draw
+        from .table import write_table
+
+        folder = Path(out_dir)
+        folder.mkdir(parents=True, exist_ok=True)
+        draw(np.array(_ANGLES), albedo, peaks, reciprocity, folder / "check.png", title=str(material.brdf))
+        paths = {**write_table(rows, folder / "check", COLUMNS), "png": folder / "check.png"}
+        result["files"] = {suffix: str(path) for suffix, path in paths.items()}
+    return result
+
+
+def _claim(claimed: bool, value: float, allowed: float) -> tuple[str, bool | None]:
+    """What is allowed, and whether that holds: nothing where nothing is claimed."""
+    return (f"{allowed:g}", value <= allowed) if claimed else ("", None)
+
+
+def _direction(cos, phi) -> np.ndarray:
+    """Unit vectors (..., 3)."""
+    cos, phi = np.broadcast_arrays(cos, phi)
+    sin = np.sqrt(1 - np.square(cos))
+    return np.stack([sin * np.cos(phi), sin * np.sin(phi), cos], -1)
+
+
+def _hit(wi: np.ndarray) -> mi.SurfaceInteraction3f:
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.wi = _vectors(wi)
+    return si
+
+
+def _vectors(w: np.ndarray) -> mi.Vector3f:
+    return mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T))
+
+
+def _hunt(bsdf: mi.BSDF, material: Material, seed: int) -> dict:
+    """Values, densities and samples at random and at extreme pairs of directions."""
+    rng, n = np.random.default_rng(seed), _HUNT
+    phi = lambda: rng.uniform(0, 2 * np.pi, n)  # noqa: E731
+    grazing = lambda: np.exp(rng.uniform(np.log(1e-7), np.log(1e-2), n))  # noqa: E731
+    wi = _direction(1 - rng.random(n), phi())
+    side = phi()
+    axes = geometry.frame_of(material.lanes())
+    normal = np.array(axes.n).ravel()
+    mirrored = 2 * (wi @ normal)[:, None] * normal - wi
+    mirrored += rng.normal(size=(n, 3)) * np.exp(rng.uniform(np.log(1e-8), 0, (n, 1)))  # ever closer to the peak
+    mirrored /= np.linalg.norm(mirrored, axis=1, keepdims=True)
+    pairs = [
+        (wi, _direction(1 - rng.random(n), phi())),
+        (wi, mirrored),
+        (_direction(grazing(), phi()), _direction(grazing(), phi())),
+        (_direction(grazing(), side), _direction(grazing(), side + 1e-3 * (rng.random(n) - 0.5))),
+        (wi, wi),
+        (wi, -wi),
+    ]
+    context = mi.BSDFContext()
+    result = {"not_finite": 0, "negative": 0, "evaluations": 0, "peak": 0.0, "weight": 0.0}
+    for wi, wo in pairs:
+        si, wo = _hit(wi), _vectors(wo)
+        value, pdf = _eval(bsdf, si, wo), bsdf.pdf(context, si, wo)
+        bs, weight = _sample(bsdf, si, [mi.Float(v) for v in rng.random((3, n)).astype(np.float32)])
+        for v in (*value, pdf, *weight, bs.pdf):
+            result["not_finite"] += int(dr.count(~dr.isfinite(v))[0])
+            result["negative"] += int(dr.count(v < 0)[0])
+        # 1e-7: no direction is closer to the horizon in float32, and none below counts
+        f = dr.select(wo.z > 0, dr.max(value) / dr.maximum(wo.z, 1e-7), 0)
+        result["peak"] = max(result["peak"], float(dr.max(f)[0]))
+        result["weight"] = max(result["weight"], float(dr.max(weight, axis=None)[0]))
+        result["evaluations"] += 2 * n
+    return result
+
+
+# Evaluated at once: two kernels serve all parts, where one for each question would compile for long.
+
+
+def _eval(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f) -> mi.Color3f:
+    value = bsdf.eval(mi.BSDFContext(), si, wo)
+    dr.eval(value)
+    return value
+
+
+def _sample(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: list[mi.Float]) -> tuple[mi.BSDFSample3f, mi.Color3f]:
+    dr.eval(u)
+    bs, weight = bsdf.sample(mi.BSDFContext(), si, u[0], mi.Point2f(u[1], u[2]))
+    dr.eval(bs, weight)
+    return bs, weight
+
+
+def _f(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """Reflectance (N, 3)."""
+    return np.array(_eval(bsdf, _hit(wi), _vectors(wo)), np.float64).T / np.float32(wo[:, 2:])
+
+
+def _reciprocity(bsdf: mi.BSDF) -> tuple[np.ndarray, float]:
+    """Relative difference of f(a, b) and f(b, a), for both polar angles the largest over azimuths, and the largest."""
+    theta = np.deg2rad(np.linspace(0, 89.5, _MAP))
+    phi = np.linspace(0, 2 * np.pi, 4 * _AZIMUTHS, endpoint=False)
+    # the first azimuth turned by less than a step, so that a rotated tangent is met from all sides
+    a, b, c, d = np.meshgrid(theta, theta, phi, np.arange(4) * 0.7, indexing="ij")
+    wi, wo = _direction(np.cos(a), d).reshape(-1, 3), _direction(np.cos(b), c + d).reshape(-1, 3)
+    one, other = _f(bsdf, wi, wo), _f(bsdf, wo, wi)
+    error = np.abs(one - other) / np.maximum(np.maximum(one, other), _DARK)
+    return error.reshape(_MAP, _MAP, -1).max(2), float(error.max())
+
+
+def _albedo(bsdf: mi.BSDF) -> tuple[np.ndarray, np.ndarray]:
+    """Albedo (angles, azimuths, 3) and the largest f met in each angle."""
+    phi = np.arange(_AZIMUTHS) / _AZIMUTHS * 2 * np.pi
+    wi = _direction(np.cos(np.deg2rad(_ANGLES))[:, None], phi).reshape(-1, 3)
+    n = len(wi) * _SAMPLES
+    u = sampling.even_numbers(n, dr.arange(mi.UInt32, n) % _SAMPLES)
+    bs, weight = _sample(bsdf, _hit(np.repeat(wi, _SAMPLES, 0)), u)
+    peak = dr.max(weight) * bs.pdf / dr.maximum(bs.wo.z, 1e-7)  # 1e-7: as in _hunt
+    peak = np.array(peak).reshape(len(_ANGLES), -1).max(1)
+    mean = np.array(weight, np.float64).reshape(3, len(wi), _SAMPLES).mean(2)
+    return mean.T.reshape(len(_ANGLES), _AZIMUTHS, 3), peak
