@@ -162,6 +162,7 @@ class Enhanced(mi.BSDF):
         self.m_evaluators = _evaluators(props)
         self.m_forms, self.m_known = {}, {}
         self.m_full = self._form(self.m_brdf, frozenset())
+        self.m_stored = self.m_brdf.evaluators(nn.Stored)
         self.m_values, self.m_textures = {}, _maps(props, self.m_material)
         self.m_colours = [p.name for p in self.m_brdf.parameters if p.is_colour]
         for p in self.m_brdf.parameters:
@@ -233,10 +234,10 @@ class Enhanced(mi.BSDF):
         self.m_folded = self.m_begun = self.m_shares = None
         read = self.m_brdf.read_by_networks
         if not self.m_textures.keys() & set(read):
-            self.m_folded = self.m_brdf.fold(constants, self.m_full.evaluators)
+            self.m_folded = self.m_brdf.fold(constants, self.m_stored)
             dr.make_opaque(self.m_folded)
         else:
-            self.m_begun = self.m_brdf.begin_fold(_parts(self.m_brdf, constants, self.m_values), self.m_full.evaluators)
+            self.m_begun = self.m_brdf.begin_fold(_parts(self.m_brdf, constants, self.m_values), self.m_stored)
             dr.make_opaque(self.m_begun)
         if not self.m_textures:
             present = {name: v for name, v in constants.items() if name not in self.m_lean.left_out}

@@ -94,7 +94,6 @@ def contenders(
         )
     result |= {
         EXACT: _ours(exact),
-        f"{EXACT}, not folded": _ours(exact, unfolded=True),
         f"{EXACT}, cooperative": _ours(exact, evaluators="cooperative"),
         "specialised, max error 0.001": _ours(ours("specialised", lambda: specialize(m, seed=seed))),
     }
@@ -144,12 +143,6 @@ def _load(spec: dict) -> mi.BSDF:
     return mi.load_dict(spec)
 
 
-def _load_unfolded(spec: dict) -> mi.BSDF:
-    """A constant texture for one parameter: everything the networks read is then folded at every hit."""
-    alpha = Material.load(spec["filename"]).params["alpha_x"]
-    return mi.load_dict({**spec, "alpha_x": {"type": "uniform", "value": float(alpha[0])}})
-
-
 def _load_nbrdf(spec: dict) -> mi.BSDF:
     from .bsdfs.function import of_function
 
@@ -170,18 +163,18 @@ def _layers(file: str) -> list:
         return [(stored[f"W{k}"], stored[f"b{k}"]) for k in range((len(stored.files) - 1) // 2)]
 
 
-def _ours(file: Path, *, unfolded: bool = False, evaluators: str | None = None) -> Contender:
+def _ours(file: Path, *, evaluators: str | None = None) -> Contender:
     m = Material.load(file)
     report, brdf = m.report, m.brdf
     own = sum(4 * c.n_weights for c in brdf.compact)
     return Contender(
-        _load_unfolded if unfolded else _load,
+        _load,
         {"type": "enhanced", "filename": str(file), **({"evaluators": evaluators} if evaluators else {})},
         m.n_bytes + own,
         0 if brdf.compact else 4 * brdf.n_weights,
         brdf.multiply_adds,
         report["seconds"] + report.get("specialize_seconds", 0),
-        not brdf.compact and not unfolded,
+        not brdf.compact,
     )
 
 

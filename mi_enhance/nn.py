@@ -228,6 +228,34 @@ class Baked:
         return _head(z, head) if head else z
 
 
+class Stored:
+    """Weights as data: folds what is the same everywhere, once, in a kernel that serves all networks of these sizes.
+
+    With literal weights that kernel would take half a second to compile, for one lane.
+    """
+
+    def __init__(self, mlp: MLP):
+        self._baked = Baked(mlp)
+        w, b = (np.concatenate(parts) for parts in zip(*self._baked._fold, strict=True))
+        self._weights, self._bias = mi.TensorXf(np.ascontiguousarray(w)), mi.Float(b)
+
+    def fold(self, features: Sequence) -> list[mi.Float]:
+        """As :meth:`Baked.fold`, in one go, of features of one lane; they must be detached."""
+        flat = self._bias
+        if features:
+            x = dr.zeros(mi.Float, len(features))  # what is None adds nothing
+            for k, v in enumerate(features):
+                if v is not None:
+                    dr.scatter(x, v, mi.UInt32(k), mode=dr.ReduceMode.NoConflicts)
+            flat = flat + dr.matmul(self._weights, mi.TensorXf(x, (len(features), 1))).array
+        dr.eval(flat)
+        return [dr.gather(mi.Float, flat, k) for k in range(len(flat))]
+
+    def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
+        """As :meth:`Baked.__call__`."""
+        return self._baked(x, folded)
+
+
 class Cooperative:
     """Cooperative vectors: tensor cores on CUDA, where matrices must be half precision; float32 elsewhere."""
 

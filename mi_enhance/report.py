@@ -157,7 +157,7 @@ def _errors(fitted: Mapping[str, Contender], unseen, folder: Path, resolution, s
         keys = ("ssim", "delta_E_ITP_1000", "mean_abs_log")
         result = {row["label"]: {k: row[k] for k in keys} for row in rows}
         for label, bsdf in {**bsdfs, "measured": truth}.items():
-            f = reflectance(bsdf, unseen.wi, unseen.wo)
+            f = np.maximum(reflectance(bsdf, unseen.wi, unseen.wo), 0)  # files hold negative values
             result[label]["log_l1"] = log_l1(f, unseen.f, unseen.wo[:, 2])
         with replacing(file) as temporary:
             Path(temporary).write_text(json.dumps(result, indent=1))
