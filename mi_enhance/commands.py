@@ -169,7 +169,9 @@ def specialize(args: argparse.Namespace) -> dict:
     material = Material.load(args.file)
     if args.undo:
         if not material.brdf.compact:
-            raise ValueError(f'specialize --undo: "{args.file}" is not a specialised material. Nothing was written.')
+            raise ValueError(
+                f'specialize --undo: "{args.file}" keeps no exact material to go back to. Nothing was written.'
+            )
         material = material.exact
     else:
         measurements = _measurements(args) if args.data else None
