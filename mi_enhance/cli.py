@@ -166,7 +166,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--textured",
         action="store_true",
-        help="take the smaller network that all materials share, for parameters that vary over a surface; best with DATA",
+        help="take the smaller network that all materials share: for maps and textures; best with DATA",
     )
     p.add_argument("--undo", action="store_true", help="go back to the exact material of a specialised one")
 
