@@ -33,6 +33,8 @@ _QUICK = ((None, None, 4), (None, 1, 12))
 _SWEEP = ((None, None, 0), (None, 1, 6))
 _SWEEPS = 3
 
+_AS_IT_IS = ((None, None, 0),)
+
 
 def fit_texels(
     material: Material,
@@ -124,6 +126,39 @@ def fit_texels(
     return _maps(material, space.back(u).reshape(*shape, -1), report), errors
 
 
+def log_l1_of_texels(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Log-L1 (eq. 1) of every texel on given samples, such as some that the fit did not see.
+
+    Parameters
+    ----------
+    maps : MaterialMaps
+    wi, wo, f : arrays
+        As for :func:`fit_texels`, f of shape (H, W, S, 3).
+
+    Returns
+    -------
+    array (H, W)
+
+    Examples
+    --------
+    >>> m = Material.analytic("ggx")
+    >>> maps = MaterialMaps(m, {"F0": np.full((1, 2, 1), 0.04)})
+    >>> up = np.array([[0, 0, 1.0]])
+    >>> log_l1_of_texels(maps, up, up, np.tile(m.evaluate(up, up), (1, 2, 1, 1))).round(6)
+    array([[0., 0.]])
+    """
+    shape = _check(wi, wo, f, 0)
+    if shape != maps.shape:
+        raise ValueError(f"log_l1_of_texels(): f is for {shape} texels, the maps have {maps.shape}.")
+    brdf = maps.material.brdf
+    surface = _Surface(wi, wo, f, shape, np.random.default_rng(0), progress=False)
+    columns = {name: np.broadcast_to(v, (*shape, len(v))) for name, v in maps.material.params.items()} | maps.maps
+    u = np.concatenate([columns[p.name] for p in brdf.parameters], axis=2).reshape(len(surface.f), -1)
+    u = parameters.Space(brdf.parameters).to(u.astype(np.float64))
+    _, loss = surface.fit(brdf, lambda index: u[index][:, None], _AS_IT_IS, "")
+    return loss.reshape(shape)
+
+
 class _Surface:
     """Samples of T texels in a random order, and fits of any of them, as many at once as memory allows."""
 
@@ -207,9 +242,9 @@ def _enhanced(surface: _Surface, material: Material, u, loss_analytic, rng) -> t
     starts = lambda index: u[index][:, None]  # noqa: E731
     if material.library is not None:
         library = parameters.Space(brdf.parameters).to(np.asarray(material.library, np.float64))
-        wi, wo = surface.wi, surface.wo
-        directions = (wi, wo) if wi.ndim == wo.ndim == 2 else (np.broadcast_to(a, surface.f.shape)[0] for a in (wi, wo))
-        pull = prior.from_library(material, *directions, loss_analytic)
+        # Independent residuals with the Laplace distribution of the analytic model's: so much a Gaussian weighs beside
+        # the mean of 3 n of them.
+        pull = prior.from_library(material, loss_analytic / (3 * surface.n))
         known = pull.of
         starts = lambda index: np.concatenate(  # noqa: E731
             [u[index][:, None], surface.nearest(brdf, index, library, _NEAREST)], axis=1

@@ -15,7 +15,7 @@ from mi_enhance import Material, enhance, fit, nn, parameters
 from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.normalise import normalise, plain
-from mi_enhance.prior import coverage, from_library
+from mi_enhance.prior import coverage, from_library, weight
 
 SAME = 2e-5  # relative: a constant moved from a colour into an exponent, in float32
 
@@ -56,7 +56,7 @@ def test_coverage_is_the_part_of_the_angles_visited():
 
 def test_prior_is_a_gaussian_over_shape_and_latent_numbers(llvm):
     material = network()
-    prior = from_library(material, *sample_pairs(500), 0.02)
+    prior = from_library(material, weight(*sample_pairs(500), 0.02))
     space = parameters.Space(material.brdf.parameters)
     u = space.to(material.library)
     assert prior.loss(u.mean(0)[None])[0] == pytest.approx(0, abs=1e-20)
