@@ -242,9 +242,9 @@ def _enhanced(surface: _Surface, material: Material, u, loss_analytic, rng) -> t
     starts = lambda index: u[index][:, None]  # noqa: E731
     if material.library is not None:
         library = parameters.Space(brdf.parameters).to(np.asarray(material.library, np.float64))
-        # Independent residuals with the Laplace distribution of the analytic model's: so much a Gaussian weighs beside
-        # the mean of 3 n of them.
-        pull = prior.from_library(material, loss_analytic / (3 * surface.n))
+        # Residuals with the Laplace distribution of the analytic model's, the channels of a sample not independent of
+        # each other: so much a Gaussian weighs beside the mean of n of them.
+        pull = prior.from_library(material, loss_analytic / surface.n)
         known = pull.of
         starts = lambda index: np.concatenate(  # noqa: E731
             [u[index][:, None], surface.nearest(brdf, index, library, _NEAREST)], axis=1

@@ -24,6 +24,7 @@ from mi_enhance.timing import machine
 _RGL = Path(__file__).resolve().parents[2] / "data/rgl"
 _FILES = [str(_RGL / f"{name}_rgb.bsdf") for name in ("satin_rosaline", "ilm_solo_m_68", "cc_ibiza_sunset")]
 _UNSEEN = 512  # samples per texel
+_MIN_COS = np.cos(np.deg2rad(80))  # beyond, the files are extrapolated, and no rig that measures a surface looks
 _COLUMNS = {
     "label": ("model", ""),
     "log_l1": ("log-L1, fitted samples", ".5f"),
@@ -97,7 +98,7 @@ def masks(size: int) -> np.ndarray:
 
 def mixture(files: list[str], weights: np.ndarray, n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Directions wi, wo (n, 3), and what each texel reflects (H, W, n, 3)."""
-    wi, wo = sampling.sample_pairs(n, seed=seed)
+    wi, wo = sampling.sample_pairs(n, seed=seed, min_cos=_MIN_COS)
     values = np.stack([clamp_negative(rgl.evaluate(path, wi, wo))[0] for path in files])
     return wi, wo, np.einsum("hwk,knc->hwnc", weights, values).astype(np.float32)
 
