@@ -103,16 +103,20 @@ def test_directions_of_each_texel_are_its_own(llvm):
     np.testing.assert_allclose(log_l1_of_texels(maps, wi, wo, f), errors["log_l1"], rtol=1e-3, atol=1e-6)
 
 
-def test_network_is_never_worse_than_where_it_starts_and_smoothness_smooths(llvm, network):
-    wi, wo, f, _ = surface(3, 3)
-    noisy = f * np.random.default_rng(2).lognormal(0, 0.2, f.shape)
+def test_network_follows_what_its_analytic_model_cannot(llvm, network):
+    """Texels of a network's own materials, with noise; smoothness makes neighbours alike and costs little."""
+    wi, wo = sample_pairs(S, seed=4)
+    rng = np.random.default_rng(4)
+    truth = network().edit(alpha_x=0.4, alpha_y=0.4, F0=0.5, rho_d=0.1)
+    latent = rng.uniform(-3, 3, (9, 3))
+    f = np.stack([truth.edit(latent=v).evaluate(wi, wo) for v in latent]).reshape(3, 3, S, 3)
+    noisy = f * rng.lognormal(0, 0.05, f.shape)
     rough, errors = fit_texels(network(), wi, wo, noisy, progress=False)
-    assert errors["log_l1"].mean() < errors["log_l1_analytic"].mean()  # three numbers more, and a module
+    assert errors["log_l1"].mean() < 0.8 * errors["log_l1_analytic"].mean()
     smooth, _ = fit_texels(network(), wi, wo, noisy, smoothness=10.0, progress=False)
 
     def steps(maps):
-        values = np.concatenate([maps.maps["latent"], np.log(maps.maps["alpha_x"])], axis=2)
-        return np.abs(np.diff(values, axis=0)).mean()
+        return np.abs(np.diff(maps.maps["latent"], axis=0)).mean()
 
     assert steps(smooth) < 0.7 * steps(rough)
     assert smooth.material.report["log_l1"] < 2 * rough.material.report["log_l1"]
