@@ -19,7 +19,7 @@ FLOORS = [
     ["enhance"],
     ["material", "state", "lean", "sampling", "objective", "levenberg"],
     ["maps"],
-    ["distil", "prune", "prior", "imitate", "normalise", "determined", "bsdfs"],
+    ["surface", "distil", "prune", "prior", "imitate", "normalise", "determined", "bsdfs"],
     ["fit"],
     ["specialize", "texels"],
     ["train", "inverse", "compare", "doctor", "rivals"],
