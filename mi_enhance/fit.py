@@ -102,7 +102,7 @@ def fit(
         starts = [_given(material.brdf, material), first]
         known = None
         if material.library is not None:
-            known = prior.from_library(material, measurements.wi, measurements.wo, loss_analytic)
+            known = prior.from_library(material, prior.weight(measurements.wi, measurements.wo, loss_analytic))
         vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library, known)
     values = parameters.unflatten(material.brdf.parameters, vector)
     report = {

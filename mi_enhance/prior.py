@@ -50,6 +50,13 @@ class Prior:
 
         return lambda u: problem.loss(u) + self.loss(u), normal_equations
 
+    def __add__(self, other: Prior) -> Prior:
+        """The product of two Gaussians; their losses add up, but for a constant."""
+        precision = self.precision + other.precision
+        force = np.matmul(self.precision, self.mean[..., None]) + np.matmul(other.precision, other.mean[..., None])
+        # 1e-12: a parameter that neither says anything about has no mean, and needs none
+        return Prior(np.linalg.solve(precision + 1e-12 * np.eye(precision.shape[-1]), force)[..., 0], precision)
+
     def of(self, index: np.ndarray) -> Prior:
         """The same for some of the problems, which may repeat."""
         mean, precision = self.mean, self.precision
@@ -59,21 +66,18 @@ class Prior:
         return np.matmul(d[:, None, :], self.precision)[:, 0]
 
 
-def from_library(material: Material, wi: np.ndarray, wo: np.ndarray, scale: float | np.ndarray) -> Prior:
+def from_library(material: Material, weight: float | np.ndarray) -> Prior:
     """What the training materials say of parameters that the samples leave open: a Gaussian over their values.
 
     Retro-reflective samples alone say nothing about the highlight, and leave most of the latent numbers to chance.
-    Colours and frame stay free. The weight is a share of the residuals of the analytic model, over the square of the
-    part of the half and difference angles that the samples visit: many samples in one place are no more than a few.
+    Colours and frame stay free.
 
     Parameters
     ----------
     material : Material
         A network, with its library.
-    wi, wo : array (n, 3)
-        Directions of the samples.
-    scale : float or array (B,)
-        Log-L1 of the analytic model on them, of each problem.
+    weight : float or array (B,)
+        Of the prior, beside a mean loss; of each problem.
     """
     space = parameters.Space(material.brdf.parameters)
     u = space.to(np.asarray(material.library, np.float64))
@@ -86,8 +90,16 @@ def from_library(material: Material, wi: np.ndarray, wo: np.ndarray, scale: floa
     covariance += np.diag(0.1 * np.diag(covariance) + 1e-6)
     precision = np.zeros((u.shape[1], u.shape[1]))
     precision[np.ix_(kept, kept)] = np.linalg.inv(covariance)
-    weight = _WEIGHT * np.asarray(scale) / coverage(wi, wo) ** 2
-    return Prior(u.mean(0), weight[..., None, None] * precision)
+    return Prior(u.mean(0), np.asarray(weight)[..., None, None] * precision)
+
+
+def weight(wi: np.ndarray, wo: np.ndarray, scale: float) -> float:
+    """A share of `scale`, the log-L1 of the analytic model on samples of the directions `wi`, `wo` (n, 3).
+
+    Divided by the square of the part of the half and difference angles that the samples visit: many samples in one
+    place are no more than a few.
+    """
+    return _WEIGHT * scale / coverage(wi, wo) ** 2
 
 
 def coverage(wi: np.ndarray, wo: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from mi_enhance import candidate, data, models
 from mi_enhance.data import _io, merl, nps
 from mi_enhance.data.training import TrainingSet, jobs_of, sources_of
 from mi_enhance.enhance import EnhancedBRDF, enhance
+from mi_enhance.maps import MaterialMaps
 from mi_enhance.material import Material
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -125,6 +126,11 @@ def _material() -> Material:
     return Material(brdf, {}, {"log_l1": 0.01, "undetermined": ["F0"], "name": "gold"})
 
 
+def _write_maps(path: Path) -> None:
+    rng = np.random.default_rng(0)
+    MaterialMaps(_material(), {name: rng.random((4, 5, n)) for name, n in (("rho_d", 3), ("latent", 3))}).save(path)
+
+
 def _checkpoint() -> EnhancedBRDF:
     return enhance("ggx", ("G",), inputs="shape", n_latent=2, hidden=(3,), seed=1)
 
@@ -173,6 +179,7 @@ READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
         lambda p: p.write_text(json.dumps(_material()._description())),
         lambda p: Material.from_arrays(p.read_text(errors="replace"), *map(_material().to_dict().get, _ARRAYS)),
     ),
+    "maps": ("x.exr", _write_maps, lambda p: MaterialMaps.load(p, _material())),
     "model .toml": ("x.toml", ROOT / "docs/ashikhmin_shirley.toml", models.get),
     "training set": ("x.npz", _write_set, TrainingSet.read),
     "sources .json": ("x.json", lambda p: p.write_text(json.dumps(_SOURCES)), _jobs),

@@ -15,7 +15,7 @@ from mi_enhance import Material, enhance, fit, nn, parameters
 from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.normalise import normalise, plain
-from mi_enhance.prior import coverage, from_library
+from mi_enhance.prior import Prior, coverage, from_library, weight
 
 SAME = 2e-5  # relative: a constant moved from a colour into an exponent, in float32
 
@@ -56,7 +56,7 @@ def test_coverage_is_the_part_of_the_angles_visited():
 
 def test_prior_is_a_gaussian_over_shape_and_latent_numbers(llvm):
     material = network()
-    prior = from_library(material, *sample_pairs(500), 0.02)
+    prior = from_library(material, weight(*sample_pairs(500), 0.02))
     space = parameters.Space(material.brdf.parameters)
     u = space.to(material.library)
     assert prior.loss(u.mean(0)[None])[0] == pytest.approx(0, abs=1e-20)
@@ -67,6 +67,16 @@ def test_prior_is_a_gaussian_over_shape_and_latent_numbers(llvm):
     assert (prior.loss(u) > 0).all()
     numeric = twin.central_differences(lambda x: prior.loss(x[None])[0], u[3], step=1e-5)
     np.testing.assert_allclose((u[3] - prior.mean) @ prior.precision, numeric, rtol=1e-5, atol=1e-12)
+
+
+def test_priors_add_up():
+    """The sum differs from the two losses by a constant; one prior, or one for each of several problems."""
+    rng = np.random.default_rng(0)
+    a, b = Prior(rng.normal(size=3), np.diag([1.0, 2.0, 0.0])), Prior(rng.normal(size=(4, 3)), np.diag([3.0, 0.0, 0.0]))
+    u = rng.normal(size=(2, 4, 3))
+    first, second = ((a + b).loss(v) - a.loss(v) - b.loss(v) for v in u)
+    np.testing.assert_allclose(first, second, atol=1e-9)
+    np.testing.assert_allclose((a + b).of(np.array([2, 2])).loss(u[0, :2]), (a + b.of(np.array([2, 2]))).loss(u[0, :2]))
 
 
 def test_retro_reflective_samples_leave_the_rest_to_the_training_materials(llvm):

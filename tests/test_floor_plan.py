@@ -19,7 +19,7 @@ FLOORS = [
     ["enhance"],
     ["material", "state", "lean", "sampling", "objective", "levenberg"],
     ["maps"],
-    ["distil", "prune", "prior", "imitate", "normalise", "determined", "bsdfs"],
+    ["surface", "distil", "prune", "prior", "imitate", "normalise", "determined", "bsdfs"],
     ["unknowns", "inverse_picture", "density", "check_picture"],
     ["fit", "inverse_starts", "image_descent"],
     ["specialize", "texels"],

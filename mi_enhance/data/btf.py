@@ -1,0 +1,117 @@
+"""UBO BTF archives (Bonn: UBO 2003, ATRIUM, UBO 2014) through the optional package `btf-extractor`.
+
+A BTF is a picture of a flat sample for every pair of directions: each pixel is a texel with an apparent BRDF. The
+archives keep angles of light and view in degrees, in the order (theta_l, phi_l, theta_v, phi_v), and pictures as BGR.
+"""
+
+from __future__ import annotations
+
+import zipfile
+
+import numpy as np
+from tqdm import tqdm
+
+from ._io import require_file
+
+_MIN_COS = 0.01  # as for all sources: beyond, f is mostly noise
+
+
+def read(path, *, rows, columns, n_samples=256, cosine=True, seed=0, progress=True):
+    """Texels of a window of a BTF, as :func:`mi_enhance.texels.fit_texels` takes them.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.zip`` of UBO 2003 or ATRIUM (JPEG, or HDR), ``.btf`` of UBO 2014.
+    rows, columns : (int, int)
+        The window: first row and the one after the last, likewise columns.
+    n_samples : int
+        Pairs of directions, drawn without replacement; all if there are no more.
+    cosine : bool
+        The pictures hold reflectance times the cosine of the light, as photographs of a lit sample do.
+    seed : int
+        Of the choice of pairs.
+    progress : bool
+        Show a bar.
+
+    Returns
+    -------
+    wi, wo : array (S, 3), float32
+        Towards viewer and light.
+    f : array (H, W, S, 3), float32
+        1/sr, linear RGB; negative values are 0. White is 1/pi: the archives do not say what their 1 (or 255, sRGB
+        decoded) stands for, so all of f is known up to one factor.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If `btf-extractor` is not installed.
+    FileNotFoundError, ValueError
+        If the file is missing or damaged, the window does not lie inside, or no pair is above the horizon.
+
+    Examples
+    --------
+    >>> wi, wo, f = read("UBO_CORDUROY256.zip", rows=(0, 64), columns=(0, 64))  # doctest: +SKIP
+    """
+    where = f'data.btf.read("{path}")'
+    path = require_file(path, where)
+    archive = _open(path, where)
+    pairs = sorted(archive.angles_set)
+    angles = np.array(pairs, np.float64).reshape(-1, 4)
+    theta_l, phi_l, theta_v, phi_v = np.deg2rad(angles.T)
+    above = np.flatnonzero(np.minimum(np.cos(theta_l), np.cos(theta_v)) >= _MIN_COS)
+    if not len(above):
+        raise ValueError(f"{where}: none of its {len(angles)} pairs of directions is above the horizon.")
+    chosen = np.sort(np.random.default_rng(seed).permutation(above)[:n_samples])
+    wi, wo = _directions(theta_v[chosen], phi_v[chosen]), _directions(theta_l[chosen], phi_l[chosen])
+    f = None
+    for k, at in enumerate(tqdm(chosen, desc="pictures", disable=not progress, leave=False)):
+        picture = archive.angles_to_image(*pairs[at])
+        if f is None:
+            _check_window(rows, columns, picture.shape, where)
+            f = np.empty((rows[1] - rows[0], columns[1] - columns[0], len(chosen), 3), np.float32)
+        f[:, :, k] = _linear(picture[rows[0] : rows[1], columns[0] : columns[1], ::-1])
+    if not np.isfinite(f).all():
+        raise ValueError(f"{where}: holds NaN or infinity. The file is damaged; download it again.")
+    return wi, wo, np.maximum(f, 0) / (np.float32(np.pi) * (wo[:, 2:] if cosine else 1))
+
+
+def _open(path, where):
+    """The reader of the package for the kind of the file."""
+    try:
+        import btf_extractor
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"{where}: needs the package btf-extractor ({error}). Install it: pip install 'mi-enhance[btf]'; it is "
+            "built with a C++ compiler."
+        ) from error
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            is_hdr = any(name.endswith(".hdr") for name in archive.namelist())
+        kind = btf_extractor.AtriumHdr if is_hdr else btf_extractor.Ubo2003
+    elif path.suffix.lower() == ".btf":
+        kind = btf_extractor.Ubo2014
+    else:
+        raise ValueError(f"{where}: neither a .zip archive of UBO 2003 or ATRIUM nor a .btf file of UBO 2014.")
+    try:
+        return kind(str(path))
+    except Exception as error:  # whatever the package raises for damaged bytes and odd names
+        raise ValueError(f"{where}: btf-extractor cannot read this file ({error}).") from error
+
+
+def _directions(theta, phi):
+    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1).astype(np.float32)
+
+
+def _check_window(rows, columns, shape, where):
+    for name, (first, end), size in (("rows", rows, shape[0]), ("columns", columns, shape[1])):
+        if not 0 <= first < end <= size:
+            raise ValueError(f"{where}: {name} {first} to {end} do not lie within the {size} there are.")
+
+
+def _linear(picture):
+    """Linear values; 8-bit pictures are taken for sRGB."""
+    if picture.dtype != np.uint8:
+        return picture.astype(np.float32)
+    v = picture.astype(np.float32) / 255
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
