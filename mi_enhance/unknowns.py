@@ -75,7 +75,8 @@ class Unknown:
         return np.asarray(value, np.float64)
 
     def back(self, moved: np.ndarray) -> np.ndarray:
-        """The inverse of :meth:`to`."""
+        """The inverse of :meth:`to`; what moved out of its bounds is taken as on them."""
+        moved = np.clip(moved, *self.bounds)
         if self.parameter.log:
             moved = np.exp(moved)
         elif self._is_sigmoid:
