@@ -109,8 +109,9 @@ class Descent:
     def _trace_backward(self, scene, values, sensor, image, weight, saturated, seen, light, seed, spp: int):
         # values and light are arguments although the scene knows them: gradients arrive there
         target = Target((), sensor, image, weight, saturated)
-        # prb draws other random numbers for the gradient than for the image
-        rendered = light * mi.render(scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, seed=seed)
+        # prb draws other random numbers for the gradient than for the image; the light's gradient is that of `seen`
+        image = mi.render(scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, seed=seed)
+        rendered = dr.detach(light) * image + (light / dr.detach(light) - 1) * seen
         dr.backward(self.measure.pull(rendered, seen, target))
         return dr.detach(rendered)
 

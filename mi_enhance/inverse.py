@@ -214,6 +214,9 @@ def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float,
     size = max(max(v.size) for v in train)
     targets = photographs.targets(train, max(1, round(size / _START_SIZE)))
     render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
+    if descent.light:
+        # before any colour: a bright one under a dark light is a minimum, too
+        descent.put({"light_scale": np.array([photographs.ratio(targets, [render(t) for t in targets])])})
     free = {u.key for u in descent.unknowns}
     first, ways = dict(descent.values()), []
     for one in placed.values():

@@ -70,6 +70,17 @@ def brightness(views: Sequence[View]) -> float:
     return float(max(np.median(values), 0.1 * values.mean(), 1e-6))
 
 
+def ratio(targets: Sequence[Target], images: Sequence[np.ndarray]) -> float:
+    """Median of photograph over image, where a pixel counts and neither is dark."""
+    ratios = []
+    for target, image in zip(targets, images, strict=True):
+        truth = np.array(target.image).mean(-1)
+        bright = (np.array(target.weight)[..., 0] > 0) & (truth > 0) & (image.mean(-1) > 0)
+        ratios.append(truth[bright] / image.mean(-1)[bright])
+    ratios = np.concatenate(ratios)
+    return float(np.median(ratios)) if ratios.size else 1.0
+
+
 class Measure(NamedTuple):
     r"""How far a render is from a target: weighted mean over pixels and channels.
 
