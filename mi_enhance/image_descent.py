@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import gc
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from .photographs import Target
+from .photographs import Measure, Target
 from .unknowns import Unknown, get, put
+
+_MEMORY = 8  # renders whose mean is what the scene looks like: fewer are noisy, more are old
 
 
 class Descent:
@@ -25,8 +27,7 @@ class Descent:
     unknowns : sequence of Unknown
     light : Unknown or None
         If given, a factor of all that is rendered is sought, too.
-    measure : callable
-        ``measure(image, target) -> loss``, see :func:`mi_enhance.photographs.loss`.
+    measure : Measure
     max_depth, seed : int
     """
 
@@ -35,7 +36,7 @@ class Descent:
         scene: mi.Scene,
         unknowns: Sequence[Unknown],
         light: Unknown | None,
-        measure: Callable,
+        measure: Measure,
         max_depth: int,
         seed: int,
     ):
@@ -67,6 +68,7 @@ class Descent:
             else:
                 put(self.params, key, value)
         self._moved = moved
+        self._seen = {}  # by target: how many renders, and their mean, the last ones counting most
         self._adam = Adam(lr=1e-3, params={key: mi.Float(v.astype(np.float32)) for key, v in moved.items()})
         self._update(attach=False)
 
@@ -104,15 +106,14 @@ class Descent:
         with dr.suspend_grad():
             return light * mi.render(scene, sensor=sensor, integrator=self._path, spp=spp, seed=seed)
 
-    def _trace_backward(self, scene, values, sensor, image, weight, saturated, light, seed, spp: int):
+    def _trace_backward(self, scene, values, sensor, image, weight, saturated, seen, light, seed, spp: int):
         # values and light are arguments although the scene knows them: gradients arrive there
         target = Target((), sensor, image, weight, saturated)
-        rendered = light * mi.render(
-            scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, seed=seed
-        )  # prb draws other random numbers for the gradient than for the residual
-        loss = self.measure(rendered, target)
-        dr.backward(loss)
-        return dr.detach(loss), dr.detach(rendered)
+        # prb draws other random numbers for the gradient than for the image; the light's gradient is that of `seen`
+        image = mi.render(scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, seed=seed)
+        rendered = dr.detach(light) * image + (light / dr.detach(light) - 1) * seen
+        dr.backward(self.measure.pull(rendered, seen, target))
+        return dr.detach(rendered)
 
     def _next_seed(self):
         self._seed += 1
@@ -120,21 +121,27 @@ class Descent:
 
     # ------------------------------------------------------------------ steps
 
-    def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> mi.TensorXf:
-        """One step against the gradient; the image that it was taken from is returned, the loss is in the curve."""
+    def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> np.ndarray:
+        """One step against the gradient; the mean of the last renders is returned, its loss is in the curve."""
+        if id(target) not in self._seen:
+            self._seen[id(target)] = (1, self.render(target, spp, self._seed))
+        n, seen = self._seen[id(target)]
         values, light = self._update(attach=True)
         with _no_collection():
-            loss, image = self._backward(
+            image = self._backward(
                 self.scene,
                 values,
                 target.sensor,
                 target.image,
                 target.weight,
                 target.saturated,
+                mi.TensorXf(seen),
                 light,
                 self._next_seed(),
                 spp,
             )
+        seen = seen + (np.array(image) - seen) / min(n + 1, _MEMORY)
+        self._seen[id(target)] = (n + 1, seen)
         self._adam.set_learning_rate(rate)
         for u in self._all():
             gradient = np.array(dr.grad(light if u is self.light else values[u.key]), np.float64).ravel()
@@ -151,8 +158,9 @@ class Descent:
             self._adam[u.key] = dr.clip(dr.detach(self._adam[u.key]), low, high)
             self._moved[u.key] = np.array(dr.detach(self._adam[u.key]), np.float64)
         seconds = time.perf_counter() - self.start
-        self.curve.append({"step": len(self.curve) + 1, "seconds": seconds, "loss": float(loss.array[0])})
-        return image
+        loss = self.measure.loss(seen, target)
+        self.curve.append({"step": len(self.curve) + 1, "seconds": seconds, "loss": loss})
+        return seen
 
     def settle(self) -> None:
         """Hand the values of the last step to the scene, without gradients."""

@@ -100,7 +100,7 @@ def fit_images(
     light_scale : bool
         Whether the brightness of all light is sought, too, as one factor.
     loss : {"log", "relative"}
-        See :func:`mi_enhance.photographs.loss`.
+        See :class:`mi_enhance.photographs.Measure`.
     stages : sequence of (int, int, int)
         For each: 1 / size of the images, samples per pixel, iterations.
     lr : float
@@ -139,7 +139,9 @@ def fit_images(
     require_rgb("fit_images()")
     train = _checked(views, stages, lr, max_depth)
     scale = photographs.brightness(train)
-    measure = photographs.loss(loss, scale)
+    if loss not in photographs.LOSSES:
+        raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(photographs.LOSSES)}.')
+    measure = photographs.Measure(loss, scale)
     sought = _unknowns(scene, unknowns)
     placed = unknown_parameters.placed(mi.traverse(scene), materials)
     light = Unknown("light_scale", LIGHT) if light_scale else None
@@ -153,7 +155,7 @@ def fit_images(
             step, value = descent.curve[-1]["step"], descent.curve[-1]["loss"]
             callback(stage, step, value)
             if folder and (step - 1) % PREVIEW == 0:
-                inverse_picture.preview(target, np.array(image), folder / f"step_{step:04d}.png")
+                inverse_picture.preview(target, image, folder / f"step_{step:04d}.png")
 
     targets = photographs.targets(train, stages[0][0])
     ways = _starts(descent, placed, train, scale, starts, seed)
@@ -212,15 +214,19 @@ def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float,
     size = max(max(v.size) for v in train)
     targets = photographs.targets(train, max(1, round(size / _START_SIZE)))
     render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
+    if descent.light:
+        # before any colour: a bright one under a dark light is a minimum, too
+        descent.put({"light_scale": np.array([photographs.ratio(targets, [render(t) for t in targets])])})
     free = {u.key for u in descent.unknowns}
     first, ways = dict(descent.values()), []
     for one in placed.values():
-        if not free.issuperset(one.keys[n] for n in one.moving()):
-            continue  # some of its parameters are known or textured: it starts as it is
+        # with some parameters known or textured, the others start as they are
+        all_free = free.issuperset(one.keys[name] for name in one.moving())
         ranked = []
-        for material in inverse_starts.candidates(one):
-            params = descent.params
-            found, error = inverse_starts.with_best_colours(one, plain(material), params, targets, render, scale)
+        for material in inverse_starts.candidates(one) if all_free else [one.read(descent.params)]:
+            found, error = inverse_starts.with_best_colours(
+                one, plain(material) if all_free else material, free, descent.params, targets, render, scale
+            )
             ranked.append((error, one.assignment(found)))
         ranked.sort(key=lambda pair: pair[0])
         ways = [{**first, **way} for _, way in ranked[:_SURVIVORS]]
@@ -230,7 +236,7 @@ def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float,
         errors = []
         for way in given:
             descent.put({**first, **way})
-            errors.append(sum(float(descent.measure(mi.TensorXf(render(t)), t).array[0]) for t in targets))
+            errors.append(sum(descent.measure.loss(render(t), t) for t in targets))
         ways += [{**first, **given[k]} for k in np.argsort(errors)[:_SURVIVORS]]
     return ways if ways and len(placed) < 2 else [first]
 

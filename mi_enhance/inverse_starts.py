@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import mitsuba as mi
 import numpy as np
@@ -63,6 +63,7 @@ def spread(x: np.ndarray, n: int) -> list[int]:
 def with_best_colours(
     one: Placed,
     material: Material,
+    free: Collection[str],
     params: mi.SceneParameters,
     targets: Sequence[Target],
     render: Callable,
@@ -75,10 +76,13 @@ def with_best_colours(
 
     Parameters
     ----------
+    free : collection of str
+        Keys of what is unknown: other colours stay.
     render : callable
         ``render(target) -> array``, of the scene as it is.
     """
-    colours = [p for p in linear_colours(material) if one.keys.get(p.name, "").endswith(f".{p.name}")]
+    own = {key for key in one.assignment(material) if key in free}
+    colours = [p for p in linear_colours(material) if one.keys.get(p.name) in own]
 
     def pictures(**values):
         for key, value in one.assignment(material.edit(**values)).items():

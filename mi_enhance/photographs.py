@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import drjit as dr
@@ -12,6 +12,7 @@ import numpy as np
 from .views import View
 
 LOSSES = ("log", "relative")
+_NEAR = 0.02
 # Most pixels that are rendered at once: prb keeps about 1 kB per path with 69 unknowns, 8 samples make that 2 GB.
 _PIXELS = 1 << 18
 
@@ -63,31 +64,72 @@ def _target(views: list[View]) -> Target:
 def brightness(views: Sequence[View]) -> float:
     """Median of the pixels that count: what is dark is compared by difference, what is bright by ratio."""
     values = np.concatenate([v.image[v.mask].mean(-1) for v in views])
+    if not values.size:
+        raise ValueError(f"fit_images(): no pixel of the {len(views)} views counts. Look at their masks.")
     # a tenth of the mean: more than half of the pixels may be black; 1e-6: all of them
     return float(max(np.median(values), 0.1 * values.mean(), 1e-6))
 
 
-def loss(kind: str, scale: float) -> Callable:
-    r"""How far a render is from a target: weighted mean over pixels and channels, of one lane.
+def ratio(targets: Sequence[Target], images: Sequence[np.ndarray]) -> float:
+    """Median of photograph over image, where a pixel counts and neither is dark."""
+    ratios = []
+    for target, image in zip(targets, images, strict=True):
+        truth = np.array(target.image).mean(-1)
+        bright = (np.array(target.weight)[..., 0] > 0) & (truth > 0) & (image.mean(-1) > 0)
+        ratios.append(truth[bright] / image.mean(-1)[bright])
+    ratios = np.concatenate(ratios)
+    return float(np.median(ratios)) if ratios.size else 1.0
+
+
+class Measure(NamedTuple):
+    r"""How far a render is from a target: weighted mean over pixels and channels.
 
     .. math:: L_{log} = \sum_k w_k \left| \log(1 + x_k / s) - \log(1 + t_k / s) \right|, \qquad
               L_{rel} = \sum_k w_k |x_k - t_k| / (t_k + s)
 
     Both are robust: a highlight, or a pixel that no parameter explains, counts with its logarithm, or once. Where the
     photograph is saturated the render is compared after clipping: brighter is as good.
+
+    Parameters
+    ----------
+    kind : {"log", "relative"}
+    scale : float
+        s, see :func:`brightness`.
     """
-    if kind not in LOSSES:
-        raise ValueError(f'fit_images(): loss "{kind}" is unknown. Choose one of: {", ".join(LOSSES)}.')
 
-    def of(image, target: Target):
-        x = dr.select(target.saturated, dr.minimum(image, target.image), image)
-        if kind == "log":
-            d = dr.log(1 + dr.maximum(x, 0) / scale) - dr.log(1 + target.image / scale)
+    kind: str
+    scale: float
+
+    def loss(self, image: np.ndarray, target: Target) -> float:
+        """The loss of an image with little noise, (H, W, 3)."""
+        truth, weight = np.array(target.image), np.array(target.weight)
+        x = np.where(np.array(target.saturated), np.minimum(image, truth), image)
+        if self.kind == "log":
+            difference = np.log1p(np.maximum(x, 0) / self.scale) - np.log1p(truth / self.scale)
         else:
-            d = (x - target.image) / (target.image + scale)
-        return dr.sum(target.weight * dr.abs(d), axis=None)
+            difference = (x - truth) / (truth + self.scale)
+        return float((weight * np.abs(difference)).sum(dtype=np.float64))
 
-    return of
+    def pull(self, image: mi.TensorXf, seen: mi.TensorXf, target: Target):
+        """What has the gradient of the loss, without bias for a noisy image.
+
+        The absolute value of a noisy difference would be least where the median of a render is the photograph, and
+        noise of light is skewed: colours came out 10 % too bright at 16 samples. So the difference is squared, over its
+        size in an independent image with less noise: reweighted least squares.
+
+        Parameters
+        ----------
+        image : mi.TensorXf
+            Differentiable render; its noise must not be that of its gradient.
+        seen : mi.TensorXf
+            Mean of earlier renders.
+        """
+        truth = target.image
+        slope = 1 / ((dr.maximum(seen, 0) if self.kind == "log" else truth) + self.scale)
+        # a share of the brightness: what is explained to within the noise pulls in proportion to its distance
+        size = dr.abs(seen - truth) + _NEAR * (truth + self.scale)
+        free = target.saturated & (seen >= truth)
+        return dr.sum(dr.select(free, 0, 0.5 * target.weight * slope / size * dr.square(image - truth)), axis=None)
 
 
 def split(image: np.ndarray, target: Target) -> list[np.ndarray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -74,7 +75,8 @@ class Unknown:
         return np.asarray(value, np.float64)
 
     def back(self, moved: np.ndarray) -> np.ndarray:
-        """The inverse of :meth:`to`."""
+        """The inverse of :meth:`to`; what moved out of its bounds is taken as on them."""
+        moved = np.clip(moved, *self.bounds)
         if self.parameter.log:
             moved = np.exp(moved)
         elif self._is_sigmoid:
@@ -255,12 +257,18 @@ def put(params: mi.SceneParameters, key: str, value: np.ndarray) -> None:
     """Replace a scene parameter by a flat vector; ``params.update()`` is the caller's."""
     old, flat = params[key], np.ascontiguousarray(np.ravel(value), np.float32)
     if isinstance(old, mi.TensorXf):
-        params[key] = mi.TensorXf(flat.reshape(old.shape))
+        params[key] = mi.TensorXf(_own(flat), old.shape)
     elif isinstance(old, (mi.Color3f, mi.Vector3f)):
-        # arrays of their own: equal literals would be one variable, which is another function to `dr.freeze`
-        params[key] = type(old)(*(mi.Float(np.full(1, v, np.float32)) for v in np.broadcast_to(flat, 3)))
+        params[key] = type(old)(*(_own(np.full(1, v)) for v in np.broadcast_to(flat, 3)))
     else:
-        params[key] = mi.Float(flat)
+        params[key] = _own(flat)
+
+
+def _own(values: np.ndarray) -> mi.Float:
+    """Evaluated, in memory of its own: literals and NumPy's memory, aligned by chance, make `dr.freeze` record anew."""
+    result = mi.Float(values.astype(np.float32)) * dr.opaque(mi.Float, 1)
+    dr.eval(result)
+    return result
 
 
 def linear_colours(material: Material) -> list[Parameter]:

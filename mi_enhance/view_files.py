@@ -71,9 +71,7 @@ def _view(content: dict, frame, folder: Path, where: str) -> View:
     height, width = image.shape[:2]
     for key, size in (("w", width), ("h", height)):
         if key in both and both[key] != size:
-            raise ValueError(
-                f"{where}: {file.name} is {width} x {height} pixels, but {key} = {both[key]}. Correct one."
-            )
+            raise ValueError(f"{where}: {file.name} is {width} x {height} pixels, {key} says {both[key]}. Correct one.")
     split = frame.get("split", "train")
     if split not in SPLITS:
         raise ValueError(f'{where}: split "{split}" is unknown. Choose one of: {", ".join(SPLITS)}.')
@@ -115,9 +113,8 @@ def _read_image(file: Path, where: str) -> tuple[np.ndarray, float]:
 def _read_mask(folder: Path, name, image: np.ndarray, where: str) -> np.ndarray:
     mask, _ = _read_image(_image_file(folder, str(name), where), where)
     if mask.shape != image.shape:
-        raise ValueError(
-            f"{where}: mask {name} is {mask.shape[1]} x {mask.shape[0]} pixels; the image has another size."
-        )
+        sizes = [f"{a.shape[1]} x {a.shape[0]}" for a in (mask, image)]
+        raise ValueError(f"{where}: mask {name} is {sizes[0]} pixels, its image {sizes[1]}. Give it the same size.")
     mask = mask[..., 0] > 0.2  # 0.2 linear is half of the 8-bit range: mask files are drawn, not measured
     if not mask.any():
         raise ValueError(f"{where}: mask {name} is black, no pixel counts. White is what counts.")

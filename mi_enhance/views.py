@@ -77,8 +77,8 @@ class View:
             "type": "perspective",
             "fov": self.fov,
             "fov_axis": "x",
-            "principal_point_offset_x": self.center[0] - 0.5,
-            "principal_point_offset_y": self.center[1] - 0.5,
+            "principal_point_offset_x": 0.5 - self.center[0],
+            "principal_point_offset_y": 0.5 - self.center[1],
             "to_world": mi.ScalarTransform4f((self.to_world @ _TURN).tolist()),
             "sampler": {"type": "independent"},
             "film": {
@@ -101,7 +101,7 @@ class View:
         height, width = (n // factor for n in self.image.shape[:2])
         if not min(width, height):
             raise ValueError(
-                f'view "{self.name}": {self.size[0]} x {self.size[1]} pixels cannot be {factor} x smaller.'
+                f'view "{self.name}": {self.size[0]} x {self.size[1]} pixels are too few for 1/{factor} of them.'
             )
 
         def blocks(a):
