@@ -52,6 +52,11 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
      (cooperative vectors: half precision on tensor cores with CUDA, float32 elsewhere). Default: ``cooperative`` with
      CUDA, ``baked`` elsewhere, where it is 4 to 15 times faster.
 
+ * - energy
+   - |bool|
+   - Hold the directional albedo at 1 or below for every view, whatever the parameters are. Default: what the file says.
+     No parameter may be textured then.
+
  * - latent
    - |exposed|, |differentiable|
    - The neural parameters; from the file, or from the maps.
@@ -100,7 +105,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import nn, parameters, sampling
+from mi_enhance import energy, nn, parameters, sampling
 from mi_enhance.enhance import EnhancedBRDF
 from mi_enhance.lean import lean
 from mi_enhance.maps import MaterialMaps
@@ -167,6 +172,9 @@ class Enhanced(mi.BSDF):
         self.m_colours = [p.name for p in self.m_brdf.parameters if p.is_colour]
         for p in self.m_brdf.parameters:
             self._read(props, p)
+        self.m_energy = bool(props.get("energy", self.m_material.energy))
+        if self.m_energy:
+            self._check_textures()
         self.m_lobe_albedo = mi.Float(self.m_material.lobe_albedo)
         varying = mi.BSDFFlags.SpatiallyVarying if self.m_textures else mi.BSDFFlags.Empty
         self.m_components = [
@@ -198,6 +206,15 @@ class Enhanced(mi.BSDF):
                 raise TypeError(f"{where}: {p.name} must be {what} or texture; got {given!r}.") from None
             value = parameters.check([p], {p.name: numbers}, where)[p.name]
         self.m_values[p.name] = mi.Color3f(value) if p.is_colour else mi.Float(value)
+
+    def _check_textures(self) -> None:
+        """Raise where the table of one material would have to bound the energy of all that a texture makes of it."""
+        wrong = sorted(name for name, texture in self.m_textures.items() if texture.is_spatially_varying())
+        if wrong:
+            raise ValueError(
+                f'bsdf "enhanced" ("{self.id()}"): energy is bounded for one material at a time; {", ".join(wrong)} '
+                "must not be textured here. Give a value, or set energy to false."
+            )
 
     # ------------------------------------------------------------------ parameters
 
@@ -243,6 +260,17 @@ class Enhanced(mi.BSDF):
             present = {name: v for name, v in constants.items() if name not in self.m_lean.left_out}
             self.m_shares = sampling.shares(present, self.m_lobe_albedo, self.m_brdf.model)
             dr.make_opaque(self.m_shares)
+        if self.m_energy:
+            self.m_bound = self._bound(constants)
+
+    def _bound(self, constants: dict) -> mi.Float:
+        """The table of :mod:`mi_enhance.energy` for the parameters as they are."""
+        form, values, si = self.m_lean, dict(constants), dr.zeros(mi.SurfaceInteraction3f)
+        for name, texture in self.m_textures.items():  # a colour from a scene is a texture, too
+            values[name] = dr.detach(_rgb(texture, si, True) if name in self.m_colours else texture.eval_1(si))
+        values = {name: v for name, v in values.items() if name not in form.left_out}
+        shares = sampling.shares(values, self.m_lobe_albedo, form.brdf.model)
+        return energy.table(form.brdf, values, shares)
 
     def _know(self, keys) -> None:
         """Keep the values of the parameters that are the same everywhere and not being optimised."""
@@ -317,6 +345,8 @@ class Enhanced(mi.BSDF):
 
     def _eval(self, si, wo, form, params, folded, active):
         value = form.brdf(si.wi, wo, self._spectral(params, si, active), form.evaluators, folded)
+        if self.m_energy:
+            value *= energy.factor(self.m_bound, si.wi, params) * energy.factor(self.m_bound, wo, params)
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
     def _mixture(self, form, params) -> list:

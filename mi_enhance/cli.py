@@ -113,6 +113,7 @@ def parser() -> argparse.ArgumentParser:
     p = add("fit", "fit a material to measurements", one, network, method, sampled, device)
     p.add_argument("-o", "--output", metavar="MAT.bsdf", required=True)
     p.add_argument("--reciprocal", action="store_true", help="f(wi, wo) = f(wo, wi), even where the file is not")
+    p.add_argument("--energy", action="store_true", help="reflect no more than is received, for every view and edit")
 
     p = add("fit-images", "fit the enhanced materials of a scene to photographs of it", network, device)
     p.add_argument("scene", metavar="SCENE.xml", help="geometry and light; its parameter $material gets the network")

@@ -46,6 +46,7 @@ def fit(args: argparse.Namespace) -> dict:
             measurements,
             method=args.method,
             reciprocal=args.reciprocal,
+            energy=args.energy,
             seed=args.seed,
             callback=progress,
         )

@@ -15,6 +15,7 @@ from . import levenberg, parameters, prior, sampling
 from .data import Measurements
 from .determined import determined
 from .enhance import EnhancedBRDF
+from .losses import log_l1
 from .material import Material
 from .normalise import normalise, plain
 from .objective import Objective, stacked
@@ -34,6 +35,7 @@ def fit(
     *,
     method: str = "lm",
     reciprocal: bool = False,
+    energy: bool = False,
     seed: int = 0,
     callback: Callable | None = None,
 ) -> Material:
@@ -52,6 +54,9 @@ def fit(
     reciprocal : bool
         Hold the parameter ``asymmetry`` at 0: f(wi, wo) = f(wo, wi) for all directions, even where the file says
         otherwise. Networks that have no such parameter are reciprocal, or (``inputs="directions"``) cannot be.
+    energy : bool
+        Bound the directional albedo of the result by 1, even where the file reflects more than it receives: the factors
+        of :mod:`mi_enhance.energy` are put on what was fitted without them.
     seed : int
         Of the subset that the search for the right minimum uses.
     callback : callable, optional
@@ -63,7 +68,8 @@ def fit(
         With `report`: ``model``, ``log_l1`` (eq. 1, mean over all samples and channels), ``log_l1_analytic`` (the
         analytic model fitted by the same method), ``seconds`` (of all), ``seconds_analytic``, ``n_samples``,
         ``n_parameters``, ``clamped_fraction``, ``method``, ``seed``, ``name``, ``source``, and what the samples say of
-        the parameters: ``std`` and ``undetermined`` of :func:`mi_enhance.determined.determined`.
+        the parameters: ``std`` and ``undetermined`` of :func:`mi_enhance.determined.determined`. With
+        `energy`, ``log_l1`` is that of the bounded material and ``log_l1_unbounded`` that of the other.
 
     Raises
     ------
@@ -124,7 +130,17 @@ def fit(
     fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None))
     std, undetermined = determined(fitted, measurements, loss, _held(reciprocal))
     report = {**report, "std": std, "undetermined": undetermined}
-    return dataclasses.replace(fitted, report=report, lobe_albedo=sampling.lobe_albedo(fitted))
+    fitted = dataclasses.replace(fitted, report=report, lobe_albedo=sampling.lobe_albedo(fitted))
+    return _bounded(fitted, measurements) if energy else fitted
+
+
+def _bounded(material: Material, measurements: Measurements) -> Material:
+    """The material with bounded energy, and what that costs in its report."""
+    material = material.bounded()
+    f, cos = material.evaluate(measurements.wi, measurements.wo), measurements.wo[:, 2]
+    report = {**material.report, "log_l1_unbounded": material.report["log_l1"]}
+    report["log_l1"] = log_l1(f.astype(np.float64), measurements.f.astype(np.float64), cos.astype(np.float64))
+    return dataclasses.replace(material, report=report)
 
 
 def _held(reciprocal: bool) -> tuple[str, ...]:

@@ -11,13 +11,15 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import alternatives, compact, models, nn, parameters
+from . import alternatives, compact, energy, models, nn, parameters, sampling
 from ._files import DEFAULT_NETWORK, network_file
 from .data import tensor_file
 from .data._io import replacing, require_file
 from .enhance import EnhancedBRDF, enhance
 
-FORMAT = 2  # of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`
+# Of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`; before 3
+# there was no `energy`, which an older reader would not hold.
+FORMAT = 3
 _KIND = "mi_enhance material"
 
 
@@ -37,6 +39,8 @@ class Material:
         Parameters of the training materials: where fits start. Only networks carry one, fitted materials do not.
     lobe_albedo : float
         Albedo of the specular lobe for rho_s = 1; decides how often it is sampled, see :mod:`mi_enhance.sampling`.
+    energy : bool
+        Hold the directional albedo at 1 or below, whatever the parameters are edited to, see :mod:`mi_enhance.energy`.
 
     Examples
     --------
@@ -98,6 +102,16 @@ class Material:
         changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
         return dataclasses.replace(self, params=changed)
 
+    def bounded(self) -> Material:
+        """A copy whose directional albedo is at most 1 for every view, also when it is edited.
+
+        Examples
+        --------
+        >>> Material.analytic("ward").bounded().energy
+        True
+        """
+        return dataclasses.replace(self, energy=True)
+
     @property
     def exact(self) -> Material:
         """The material that :func:`mi_enhance.specialize` made this one from; itself if it is none of those."""
@@ -117,6 +131,8 @@ class Material:
             f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
             f"inputs: {self.brdf.inputs}"
         )
+        if self.energy:
+            lines.append("  energy: directional albedo at most 1")
         undetermined = self.report.get("undetermined")
         if undetermined and isinstance(undetermined, list):
             lines.append(f"  not determined by the samples: {', '.join(_by_name(undetermined))}")
@@ -157,7 +173,13 @@ class Material:
             Linear RGB; 0 below the horizon.
         """
         wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
-        return np.array(self.brdf(wi, wo, self.lanes())).T
+        params = self.lanes()
+        f = self.brdf(wi, wo, params)
+        if self.energy:
+            shares = sampling.shares(params, self.lobe_albedo, self.brdf.model)
+            bound = energy.table(self.brdf, params, shares)
+            f *= energy.factor(bound, wi, params) * energy.factor(bound, wo, params)
+        return np.array(f).T
 
     def bsdf(self) -> mi.BSDF:
         """The Mitsuba BSDF, straight from memory; the same as saving and loading by ``filename``."""
@@ -276,6 +298,7 @@ class Material:
             "parameters": [[p.name, p.size] for p in brdf.parameters],
             **({"compact": [c.describe() for c in brdf.compact]} if brdf.compact else {}),
             "lobe_albedo": self.lobe_albedo,
+            "energy": self.energy,
             "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
             "report": self.report,
         }
@@ -367,7 +390,10 @@ def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: 
     lobe_albedo = description.get("lobe_albedo")
     if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < 1e30:
         raise ValueError(f"{where}: lobe_albedo must be a number of at least 0; got {lobe_albedo!r}. Save it again.")
+    energy = description.get("energy", False)
+    if not isinstance(energy, bool):
+        raise ValueError(f"{where}: energy must be true or false; got {energy!r}. Save it again.")
     report = description.get("report", {})
     if not isinstance(report, dict):
         raise ValueError(f"{where}: report must be an object {{ ... }}; got {report!r}. Save it again.")
-    return Material(brdf, values, report, library, float(lobe_albedo))
+    return Material(brdf, values, report, library, float(lobe_albedo), energy)
