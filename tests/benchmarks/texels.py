@@ -35,6 +35,7 @@ _COLUMNS = {
     "seconds_per_1000": ("s per 1,000 texels", ".2f"),
     "mean_abs_log": ("render: mean abs log", ".5f"),
     "delta_E_ITP_1000": ("ΔE ITP x1000", ".2f"),
+    "ssim": ("SSIM", ".4f"),
 }
 
 
@@ -45,7 +46,8 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=128, help="texels along each side (default: %(default)s)")
     parser.add_argument("--samples", type=int, default=128, help="per texel (default: %(default)s)")
     parser.add_argument("--smoothness", type=float, default=0.0)
-    parser.add_argument("-m", "--network", default="ggx2")
+    parser.add_argument("-m", "--network", nargs="+", default=["ggx2_small", "ggx2"])
+    parser.add_argument("--filter", default="nearest", choices=("nearest", "bilinear"), help="of the maps, in renders")
     parser.add_argument("--resolution", type=int, default=256)
     parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("-o", "--output", default="out/texels", help="folder of the pictures and maps")
@@ -58,13 +60,11 @@ def main() -> None:
     samples, unseen = (mixture(args.files, weights, n, seed) for n, seed in ((args.samples, 0), (_UNSEEN, 1)))
     truth = render(blend(args.files, weights), args)
     rows, found, pictures = [], {}, []
-    for label, material in (
-        ("GGX", Material.analytic("ggx")),
-        (f"enhanced {args.network}", Material.network(args.network)),
-    ):
+    models = {"GGX": Material.analytic("ggx"), **{f"enhanced {n}": Material.network(n) for n in args.network}}
+    for label, material in models.items():
         maps, _ = fit_texels(material, *samples, smoothness=args.smoothness)
         error = found[label] = log_l1_of_texels(maps, *unseen)
-        image = render(maps.to_dict(), args)
+        image = render(maps.to_dict(args.filter), args)
         stem = folder / label.replace(" ", "_")
         maps.save(f"{stem}.exr")
         maps.material.save(f"{stem}.bsdf")
@@ -79,9 +79,10 @@ def main() -> None:
             "better": (error < found["GGX"]).mean(),
             "mean_abs_log": metrics.mean_abs_log(image, truth),
             "delta_E_ITP_1000": 1000 * delta.mean(),
+            "ssim": metrics.ssim(image, truth),
         }
         rows.append(row)
-        pictures.append({**row, "image": image, "error": delta, "ssim": metrics.ssim(image, truth)})
+        pictures.append({**row, "image": image, "error": delta})
     draw_errors(found, folder / "errors.png")
     draw(("measured, mixed", truth), pictures, folder / "renders.png", title=f"{args.size} x {args.size} texels")
     title = f"{args.size} x {args.size} texels, {args.samples} samples each, smoothness {args.smoothness:g}"
