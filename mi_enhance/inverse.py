@@ -41,11 +41,12 @@ class ImageFit:
     Parameters
     ----------
     materials : dict of str to Material
-        By id of the BSDF; only those of whose parameters none is textured.
+        By id of the BSDF, or what its keys in ``mi.traverse(scene)`` begin with; only where no parameter is textured.
     values : dict of str to array
         Every unknown by its key in ``mi.traverse(scene)``, flat.
     report : dict
         ``loss``, ``seconds``, ``iterations``, ``light_scale``, ``nonfinite_gradients`` (components that were set to 0),
+        ``nonfinite_pixels`` (values of renders that were left out),
         ``views`` (name, split, ``mean_abs_log`` and ``psnr`` of each re-render over the pixels that count),
         ``mean_abs_log`` (``train`` and ``test``), and the settings. JSON types only.
     curve : list of dict
@@ -90,8 +91,8 @@ def fit_images(
     views : sequence of View
         Those of split "train" are fitted, the others only reported.
     materials : dict of str to Material, optional
-        By id of the BSDF, what the scene was loaded with; needed only for the library of starts of a network that came
-        from memory.
+        By id of the BSDF (what its keys in ``mi.traverse(scene)`` begin with, where it has none), what the scene was
+        loaded with; needed only for the library of starts of a network that came from memory.
     unknowns : sequence of str or Unknown, optional
         Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.unknowns`. All but the
         tilt of the normal if left out.
@@ -164,7 +165,7 @@ def fit_images(
         descent.put(way)
         go(f"start {k + 1} of {len(ways)}", targets, stages[0][1], [lr] * _TRIAL)
         recent = [row["loss"] for row in descent.curve[-_RECENT:]]
-        ends.append((float(np.mean(recent)), descent.values()))
+        ends.append((float(np.mean(recent)), {**way, **descent.values()}))
     descent.put(min(ends, key=lambda end: end[0])[1] if ends else ways[0])
     rates = _rates(lr, sum(steps for *_, steps in stages))
     for k, (factor, spp, steps) in enumerate(stages):
@@ -211,8 +212,8 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
 
 def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float, given, seed: int) -> list[dict]:
     """Values to start from, the most promising first; several only where there is a single material."""
-    size = max(max(v.size) for v in train)
-    targets = photographs.targets(train, max(1, round(size / _START_SIZE)))
+    side = np.sqrt(np.mean([v.mask.sum() for v in train]))  # of what counts: the object may be small in the picture
+    targets = photographs.targets(train, max(1, round(side / _START_SIZE)))
     render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
     if descent.light:
         # before any colour: a bright one under a dark light is a minimum, too
@@ -267,6 +268,7 @@ def _result(descent: Descent, placed: Mapping[str, Placed], views, settings: dic
         "n_unknowns": sum(v.size for v in descent.values().values()),
         "light_scale": float(descent.values()["light_scale"][0]) if descent.light else 1.0,
         "nonfinite_gradients": descent.nonfinite,
+        "nonfinite_pixels": descent.nonfinite_pixels,
         "views": rows,
         "settings": settings,
     }

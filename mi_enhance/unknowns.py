@@ -140,11 +140,16 @@ def placed(params: mi.SceneParameters, given: Mapping[str, Material] | None = No
     Raises
     ------
     ValueError
-        If a given material is of no BSDF in the scene, or has another model or other networks than that.
+        If a material is specialised, or one that is given is of no BSDF in the scene or has another model than that.
     """
     result = {}
     for node in params.hierarchy:
         if type(node).__name__ == "Enhanced":
+            if node.m_material.brdf.compact:
+                raise ValueError(
+                    f'fit_images(): "{node.id()}" is a specialised material, which holds for its own parameters only. '
+                    "Use the exact one: mi-enhance specialize FAST.bsdf --undo -o MAT.bsdf"
+                )
             keys = {}
             first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
             prefix = first.rpartition(".")[0]
