@@ -13,7 +13,8 @@ import numpy as np
 from drjit.opt import Adam
 
 from .photographs import Measure, Target
-from .unknowns import Unknown, get, put
+from .placed import get, put
+from .unknowns import Unknown
 
 _MEMORY = 8  # renders whose mean is what the scene looks like: fewer are noisy, more are old
 

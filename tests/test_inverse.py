@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plugin_scenes import bitmap
 
-from mi_enhance import inverse_picture, inverse_starts, photographs, unknowns
+from mi_enhance import inverse_picture, inverse_starts, photographs, placed, unknowns
 from mi_enhance import scene as scenes
 from mi_enhance.cli import main
 from mi_enhance.image_descent import Descent
@@ -250,7 +250,7 @@ def test_colours_of_a_start_are_those_that_explain_the_photographs(paint):
     """With the right roughness and F0 the colours are the right ones, to the noise of 16 paths a pixel."""
     scene = ball(Material.analytic("ggx").bsdf())
     descent = Descent(scene, unknowns.enhanced(scene), None, photographs.Measure("log", 0.3), 2, 0)
-    (one,) = unknowns.placed(descent.params).values()
+    (one,) = placed.find(descent.params).values()
     targets = photographs.targets(paint)
     errors, free = {}, {u.key for u in descent.unknowns}
     for alpha in (0.05, 0.25, 0.8):
