@@ -13,7 +13,8 @@ import numpy as np
 from drjit.opt import Adam
 
 from .photographs import Measure, Target
-from .unknowns import Unknown, get, put
+from .placed import get, put
+from .unknowns import Unknown
 
 _MEMORY = 8  # renders whose mean is what the scene looks like: fewer are noisy, more are old
 
@@ -44,6 +45,7 @@ class Descent:
         self.params = mi.traverse(scene)
         self.curve: list[dict] = []  # step, seconds, loss
         self.nonfinite = 0  # components of gradients that were set to 0
+        self.nonfinite_pixels = 0  # values of renders that were left out
         self.start = time.perf_counter()
         self._gradients = mi.load_dict({"type": "prb", "max_depth": max_depth})
         self._path = mi.load_dict({"type": "path", "max_depth": max_depth})
@@ -68,7 +70,7 @@ class Descent:
             else:
                 put(self.params, key, value)
         self._moved = moved
-        self._seen = {}  # by target: how many renders, and their mean, the last ones counting most
+        self._seen = {}  # by id: the target, how many renders, and their mean, the last ones counting most
         self._adam = Adam(lr=1e-3, params={key: mi.Float(v.astype(np.float32)) for key, v in moved.items()})
         self._update(attach=False)
 
@@ -115,6 +117,12 @@ class Descent:
         dr.backward(self.measure.pull(rendered, seen, target))
         return dr.detach(rendered)
 
+    def _finite(self, image: np.ndarray, instead) -> np.ndarray:
+        """The image without values that are not finite, which are counted."""
+        finite = np.isfinite(image)
+        self.nonfinite_pixels += int((~finite).sum())
+        return np.where(finite, image, instead).astype(np.float32)
+
     def _next_seed(self):
         self._seed += 1
         return dr.opaque(mi.UInt32, self._seed)
@@ -124,8 +132,8 @@ class Descent:
     def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> np.ndarray:
         """One step against the gradient; the mean of the last renders is returned, its loss is in the curve."""
         if id(target) not in self._seen:
-            self._seen[id(target)] = (1, self.render(target, spp, self._seed))
-        n, seen = self._seen[id(target)]
+            self._seen[id(target)] = (target, 1, self._finite(self.render(target, spp, self._seed), 0))
+        _, n, seen = self._seen[id(target)]
         values, light = self._update(attach=True)
         with _no_collection():
             image = self._backward(
@@ -140,8 +148,8 @@ class Descent:
                 self._next_seed(),
                 spp,
             )
-        seen = seen + (np.array(image) - seen) / min(n + 1, _MEMORY)
-        self._seen[id(target)] = (n + 1, seen)
+        seen = seen + (self._finite(np.array(image), seen) - seen) / min(n + 1, _MEMORY)
+        self._seen[id(target)] = (target, n + 1, seen)
         self._adam.set_learning_rate(rate)
         for u in self._all():
             gradient = np.array(dr.grad(light if u is self.light else values[u.key]), np.float64).ravel()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -10,16 +9,16 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import inverse_picture, inverse_starts, photographs, sampling
+from . import inverse_picture, inverse_starts, photographs
 from . import unknowns as unknown_parameters
 from .fit import require_rgb
 from .image_descent import Descent
-from .losses import log_l1
+from .image_fit import RECENT, ImageFit, result
 from .material import Material
-from .metrics import psnr
-from .normalise import normalise, plain
+from .normalise import plain
 from .parameters import Parameter
-from .unknowns import Placed, Unknown
+from .placed import Placed, find
+from .unknowns import Unknown
 from .views import View
 
 # Size of the images as 1 / factor, samples per pixel, iterations: coarse to fine.
@@ -27,38 +26,9 @@ STAGES = ((2, 8, 80), (1, 16, 120))
 _SURVIVORS, _TRIAL = 3, 25  # starts that go down a way, and how far, before the best is taken
 _START_SIZE, _START_SPP = 24, 16  # pixels on a side at which starts are compared
 _LATE = 0.2  # of the first stage's iterations without the latent numbers
-_FINAL_SPP = 128
-_RECENT = 5  # iterations whose mean is the loss: one alone is a matter of chance
 PREVIEW = 20  # iterations from one preview to the next
 _LAST_RATE = 0.05  # learning rate at the end, as a share of that at the start
 LIGHT = Parameter("light_scale", 1, 1e-3, 1e3, 1.0, log=True)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ImageFit:
-    """What a fit to images has found.
-
-    Parameters
-    ----------
-    materials : dict of str to Material
-        By id of the BSDF; only those of whose parameters none is textured.
-    values : dict of str to array
-        Every unknown by its key in ``mi.traverse(scene)``, flat.
-    report : dict
-        ``loss``, ``seconds``, ``iterations``, ``light_scale``, ``nonfinite_gradients`` (components that were set to 0),
-        ``views`` (name, split, ``mean_abs_log`` and ``psnr`` of each re-render over the pixels that count),
-        ``mean_abs_log`` (``train`` and ``test``), and the settings. JSON types only.
-    curve : list of dict
-        ``step``, ``seconds``, ``loss`` of every iteration; another stage sees other pixels and another noise.
-    renders : list of array (H, W, 3)
-        Re-renders of all views, in their order.
-    """
-
-    materials: dict[str, Material]
-    values: dict[str, np.ndarray]
-    report: dict
-    curve: list[dict]
-    renders: list[np.ndarray]
 
 
 def fit_images(
@@ -90,8 +60,8 @@ def fit_images(
     views : sequence of View
         Those of split "train" are fitted, the others only reported.
     materials : dict of str to Material, optional
-        By id of the BSDF, what the scene was loaded with; needed only for the library of starts of a network that came
-        from memory.
+        By id of the BSDF (what its keys in ``mi.traverse(scene)`` begin with, where it has none), what the scene was
+        loaded with; needed only for the library of starts of a network that came from memory.
     unknowns : sequence of str or Unknown, optional
         Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.unknowns`. All but the
         tilt of the normal if left out.
@@ -143,7 +113,7 @@ def fit_images(
         raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(photographs.LOSSES)}.')
     measure = photographs.Measure(loss, scale)
     sought = _unknowns(scene, unknowns)
-    placed = unknown_parameters.placed(mi.traverse(scene), materials)
+    placed = find(mi.traverse(scene), materials)
     light = Unknown("light_scale", LIGHT) if light_scale else None
     descent = Descent(scene, sought, light, measure, max_depth, seed)
     callback, folder = callback or (lambda *_: None), _folder(preview)
@@ -163,8 +133,8 @@ def fit_images(
     for k, way in enumerate(ways if len(ways) > 1 else ()):
         descent.put(way)
         go(f"start {k + 1} of {len(ways)}", targets, stages[0][1], [lr] * _TRIAL)
-        recent = [row["loss"] for row in descent.curve[-_RECENT:]]
-        ends.append((float(np.mean(recent)), descent.values()))
+        recent = [row["loss"] for row in descent.curve[-RECENT:]]
+        ends.append((float(np.mean(recent)), {**way, **descent.values()}))
     descent.put(min(ends, key=lambda end: end[0])[1] if ends else ways[0])
     rates = _rates(lr, sum(steps for *_, steps in stages))
     for k, (factor, spp, steps) in enumerate(stages):
@@ -173,7 +143,7 @@ def fit_images(
         go(f"stage {k + 1} of {len(stages)}", targets, spp, own, round(_LATE * steps) if k == 0 else 0)
     descent.settle()
     settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": max_depth, "seed": seed}
-    return _result(descent, placed, views, settings, start)
+    return result(descent, placed, views, settings, start)
 
 
 def _checked(views: Sequence[View], stages, lr: float, max_depth: int) -> list[View]:
@@ -211,8 +181,8 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
 
 def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float, given, seed: int) -> list[dict]:
     """Values to start from, the most promising first; several only where there is a single material."""
-    size = max(max(v.size) for v in train)
-    targets = photographs.targets(train, max(1, round(size / _START_SIZE)))
+    side = np.sqrt(np.mean([v.mask.sum() for v in train]))  # of what counts: the object may be small in the picture
+    targets = photographs.targets(train, max(1, round(side / _START_SIZE)))
     render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
     if descent.light:
         # before any colour: a bright one under a dark light is a minimum, too
@@ -251,48 +221,3 @@ def _folder(path) -> Path | None:
         return None
     Path(path).mkdir(parents=True, exist_ok=True)
     return Path(path)
-
-
-def _result(descent: Descent, placed: Mapping[str, Placed], views, settings: dict, start: float) -> ImageFit:
-    renders = {}
-    for target in photographs.targets(views):
-        images = photographs.split(descent.render(target, _FINAL_SPP, settings["seed"]), target)
-        renders |= dict(zip((v.name for v in target.views), images, strict=True))
-    rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in views]
-    report = {
-        "mean_abs_log": {s: _mean(r["mean_abs_log"] for r in rows if r["split"] == s) for s in ("train", "test")},
-        "loss": float(np.mean([row["loss"] for row in descent.curve[-_RECENT:]])),
-        "seconds": time.perf_counter() - start,
-        "iterations": len(descent.curve),
-        "n_unknowns": sum(v.size for v in descent.values().values()),
-        "light_scale": float(descent.values()["light_scale"][0]) if descent.light else 1.0,
-        "nonfinite_gradients": descent.nonfinite,
-        "views": rows,
-        "settings": settings,
-    }
-    materials = {}
-    for name, one in placed.items():
-        if not one.is_textured:
-            found = normalise(dataclasses.replace(one.read(descent.params), report=_of_material(report), library=None))
-            materials[name] = dataclasses.replace(found, lobe_albedo=sampling.lobe_albedo(found))
-    return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in views])
-
-
-def _of_material(report: dict) -> dict:
-    """What the file of a material keeps."""
-    kept = ("loss", "seconds", "iterations", "n_unknowns", "light_scale", "nonfinite_gradients", "settings")
-    means = {f"mean_abs_log_{s}": v for s, v in report["mean_abs_log"].items() if v is not None}
-    return {"method": "images", **{key: report[key] for key in kept}, **means}
-
-
-def errors(view: View, image: np.ndarray) -> dict[str, float | None]:
-    """Mean absolute log difference and PSNR (None: equal) of a re-render over the pixels that count."""
-    truth = np.maximum(view.image[view.mask], 0)
-    found = np.where(view.saturated[view.mask], np.minimum(image[view.mask], truth), image[view.mask])
-    decibel = psnr(found[:, None], truth[:, None])
-    return {"mean_abs_log": log_l1(found, truth, 1.0), "psnr": decibel if np.isfinite(decibel) else None}
-
-
-def _mean(values) -> float | None:
-    values = list(values)
-    return float(np.mean(values)) if values else None

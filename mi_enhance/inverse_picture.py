@@ -15,7 +15,7 @@ from .picture import sheet
 from .views import View
 
 _SHOWN = 6  # views in a picture
-_TOP = 0.3  # of the error maps: abs(log(1 + photo) - log(1 + render))
+_PERCENTILE = 99.5  # top of the error maps: a few edges must not make every map black
 
 
 def preview(target: Target, image: np.ndarray, path: str | Path) -> None:
@@ -37,17 +37,19 @@ def draw_views(views: Sequence[View], renders: Sequence[np.ndarray], path: str |
     order = sorted(range(len(views)), key=lambda k: views[k].split != "test")
     if len(order) > _SHOWN:
         order = [order[k] for k in np.linspace(0, len(order) - 1, _SHOWN).round().astype(int)]
+    errors = [np.abs(np.log1p(np.maximum(renders[k], 0)) - np.log1p(np.maximum(views[k].image, 0))) for k in order]
+    errors = [np.where(views[k].mask, e.mean(-1), 0) for k, e in zip(order, errors, strict=True)]
+    top = max(1e-3, *(float(np.percentile(e, _PERCENTILE)) for e in errors))  # 1e-3: every render equals its photograph
     with sheet(path, (1.8 * len(order), 5.6), 110) as figure:
         axes = figure.subplots(3, len(order), squeeze=False)
         for ax in axes.flat:
             ax.set(xticks=[], yticks=[])
-        for column, k in zip(axes.T, order, strict=True):
-            view, render = views[k], renders[k]
-            error = np.abs(np.log1p(np.maximum(render, 0)) - np.log1p(np.maximum(view.image, 0))).mean(-1)
-            column[0].imshow(encode_srgb(view.image))
-            column[0].set_title(f"{view.name}\n{'held out' if view.split == 'test' else 'fitted'}", fontsize=8)
-            column[1].imshow(encode_srgb(render))
-            shown = column[2].imshow(np.where(view.mask, error, 0), cmap="inferno", vmin=0, vmax=_TOP)
+        for column, k, error in zip(axes.T, order, errors, strict=True):
+            column[0].imshow(encode_srgb(views[k].image))
+            split = "held out" if views[k].split == "test" else "fitted"
+            column[0].set_title(f"{views[k].name}\n{split}", fontsize=8)
+            column[1].imshow(encode_srgb(renders[k]))
+            shown = column[2].imshow(error, cmap="inferno", vmin=0, vmax=top)
         for ax, label in zip(axes[:, 0], ("photograph", "re-render", "error"), strict=True):
             ax.set_ylabel(label, fontsize=9)
         figure.colorbar(shown, ax=axes[2].tolist(), label="abs. log difference", extend="max")

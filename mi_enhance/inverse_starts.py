@@ -9,10 +9,11 @@ import mitsuba as mi
 import numpy as np
 
 from . import parameters
+from .features import COLOURLESS
 from .material import Material
-from .parameters import FRAME
+from .parameters import FRAME, Parameter
 from .photographs import Target
-from .unknowns import Placed, linear_colours, put
+from .placed import Placed, put
 
 _LIBRARY = 48  # training materials that are tried, as different from one another as can be
 _SWEEPS = 4  # reweighted least squares towards the L1 solution
@@ -82,7 +83,7 @@ def with_best_colours(
         ``render(target) -> array``, of the scene as it is.
     """
     own = {key for key in one.assignment(material) if key in free}
-    colours = [p for p in linear_colours(material) if one.keys.get(p.name) in own]
+    colours = [p for p in _linear_colours(material) if one.keys.get(p.name) in own]
 
     def pictures(**values):
         for key, value in one.assignment(material.edit(**values)).items():
@@ -128,3 +129,15 @@ def _bounded(a: np.ndarray, b: np.ndarray, w: np.ndarray, high: Sequence[float])
         if error < least:
             best, least = x, error
     return best
+
+
+def _linear_colours(material: Material) -> list[Parameter]:
+    """Colours in which the BRDF is linear: each the only colour of its terms, and read by no network."""
+    brdf = material.brdf
+    if brdf.networks and brdf.inputs not in COLOURLESS:
+        return []
+    colours = parameters.colours(brdf.model.parameters)
+    factors = [node for node in brdf.model.graph.walk() if not node.args and set(node.inputs) & colours]
+    alone = {node.inputs[0] for node in factors if len(node.inputs) == 1}
+    shared = {name for node in factors if len(node.inputs) > 1 for name in node.inputs}
+    return [p for p in brdf.model.parameters if p.name in alone - shared]

@@ -9,18 +9,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import parameters
-from .material import Material
 from .parameters import Parameter
+from .placed import HELD, find, get
 
 # By how much of its range a sigmoid overshoots both ends: an albedo of exactly 0 or 1 can be reached, and left again.
 _OVERSHOOT = 1e-3
-# They turn the normal, and with it the horizon: `prb` does not follow edges that move.
-HELD = ("n_x", "n_y")
 # Joined when the analytic parameters have found their place.
 LATE = ("latent", "asymmetry")
 
@@ -94,81 +90,6 @@ class Unknown:
         return np.ones_like(moved)
 
 
-@dataclasses.dataclass(frozen=True)
-class Placed:
-    """An enhanced BSDF in a scene: its material, and the key of each of its parameters."""
-
-    material: Material
-    keys: Mapping[str, str]
-
-    def assignment(self, material: Material) -> dict[str, np.ndarray]:
-        """Values by key that make it the given material of the same model; what is textured stays."""
-        return {key: material.params[name] for name, key in self.keys.items() if key.endswith(f".{name}")}
-
-    @property
-    def is_textured(self) -> bool:
-        """Whether a parameter varies over the surface."""
-        return len(self.keys) < len(self.material.brdf.parameters) or any(
-            not key.endswith(f".{name}") for name, key in self.keys.items()
-        )
-
-    def moving(self) -> list[str]:
-        """Names of parameters that a fit of all of them moves."""
-        return [p.name for p in self.material.brdf.parameters if not p.fixed and p.name not in HELD]
-
-    def read(self, params: mi.SceneParameters) -> Material:
-        """The material with the values that the scene has now; of a texture its mean."""
-        values = {}
-        for p in self.material.brdf.parameters:
-            if p.name in self.keys:
-                value = get(params, self.keys[p.name])
-                value = value.reshape(-1, p.size).mean(0) if self.keys[p.name].endswith((".data", ".value")) else value
-                values[p.name] = np.clip(value, p.low, p.high)
-        return self.material.edit(**values)
-
-
-def placed(params: mi.SceneParameters, given: Mapping[str, Material] | None = None) -> dict[str, Placed]:
-    """Enhanced BSDFs of a scene, by id.
-
-    Parameters
-    ----------
-    params : mi.SceneParameters
-        Of the scene.
-    given : dict of str to Material, optional
-        Materials as they were loaded, for BSDFs that came from memory: only these have a library of starts.
-
-    Raises
-    ------
-    ValueError
-        If a given material is of no BSDF in the scene, or has another model or other networks than that.
-    """
-    result = {}
-    for node in params.hierarchy:
-        if type(node).__name__ == "Enhanced":
-            keys = {}
-            first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
-            prefix = first.rpartition(".")[0]
-            for p in node.m_material.brdf.parameters:
-                for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
-                    if key in params:
-                        keys[p.name] = key
-            result[node.id() or prefix] = Placed(node.m_material, keys)
-    for name, material in (given or {}).items():
-        if name not in result:
-            raise ValueError(
-                f'fit_images(): materials names "{name}", but the enhanced BSDFs of the scene are '
-                f"{', '.join(result) or 'none'}. Give the BSDF that id."
-            )
-        loaded = result[name].material
-        if str(material.brdf) != str(loaded.brdf) or len(material.vector()) != len(loaded.vector()):
-            raise ValueError(
-                f'fit_images(): "{name}" is {loaded.brdf} in the scene, but {material.brdf} in materials. '
-                "Load the scene with the same material."
-            )
-        result[name] = dataclasses.replace(result[name], material=material)
-    return result
-
-
 def enhanced(scene: mi.Scene, names: Sequence[str] | None = None) -> list[Unknown]:
     """Parameters of the enhanced BSDFs of a scene.
 
@@ -189,13 +110,13 @@ def enhanced(scene: mi.Scene, names: Sequence[str] | None = None) -> list[Unknow
 
     Examples
     --------
-    >>> from mi_enhance import scene
+    >>> from mi_enhance import Material, scene
     >>> ball = scene.load("sphere_envmap", Material.analytic("ggx").bsdf(), resolution=16, spp=1)
     >>> [u.key for u in enhanced(ball, ["rho_d", "F0"])]
     ['ball.bsdf.rho_d', 'ball.bsdf.F0']
     """
     params = mi.traverse(scene)
-    found = placed(params)
+    found = find(params)
     if not found:
         raise ValueError(
             'fit_images(): the scene has no BSDF of type "enhanced". Give the object that is to be fitted '
@@ -246,40 +167,3 @@ def check(scene: mi.Scene, unknowns: Sequence[Unknown]) -> None:
         value = get(params, u.key)
         if not np.isfinite(value).all():
             raise ValueError(f'fit_images(): "{u.key}" holds NaN or infinity. Give it a start inside its range.')
-
-
-def get(params: mi.SceneParameters, key: str) -> np.ndarray:
-    """A scene parameter as a flat float64 vector."""
-    return np.array(params[key], np.float64).ravel()
-
-
-def put(params: mi.SceneParameters, key: str, value: np.ndarray) -> None:
-    """Replace a scene parameter by a flat vector; ``params.update()`` is the caller's."""
-    old, flat = params[key], np.ascontiguousarray(np.ravel(value), np.float32)
-    if isinstance(old, mi.TensorXf):
-        params[key] = mi.TensorXf(_own(flat), old.shape)
-    elif isinstance(old, (mi.Color3f, mi.Vector3f)):
-        params[key] = type(old)(*(_own(np.full(1, v)) for v in np.broadcast_to(flat, 3)))
-    else:
-        params[key] = _own(flat)
-
-
-def _own(values: np.ndarray) -> mi.Float:
-    """Evaluated, in memory of its own: literals and NumPy's memory, aligned by chance, make `dr.freeze` record anew."""
-    result = mi.Float(values.astype(np.float32)) * dr.opaque(mi.Float, 1)
-    dr.eval(result)
-    return result
-
-
-def linear_colours(material: Material) -> list[Parameter]:
-    """Colours in which the BRDF is linear: each the only colour of its terms, and read by no network."""
-    from .features import COLOURLESS
-
-    brdf = material.brdf
-    if brdf.networks and brdf.inputs not in COLOURLESS:
-        return []
-    colours = parameters.colours(brdf.model.parameters)
-    factors = [node for node in brdf.model.graph.walk() if not node.args and set(node.inputs) & colours]
-    alone = {node.inputs[0] for node in factors if len(node.inputs) == 1}
-    shared = {name for node in factors if len(node.inputs) > 1 for name in node.inputs}
-    return [p for p in brdf.model.parameters if p.name in alone - shared]

@@ -43,7 +43,7 @@ class View:
     Examples
     --------
     >>> view = View("front", np.zeros((4, 6, 3), np.float32), np.eye(4), 40.0)
-    >>> view.size, view.mask.all()
+    >>> view.size, bool(view.mask.all())
     ((6, 4), True)
     """
 

@@ -21,6 +21,7 @@ sys.path.append(str(ROOT / "tests/benchmarks"))  # scripts, not a package
 
 import accuracy  # noqa: E402
 import generalisation  # noqa: E402
+import images  # noqa: E402
 import rivals  # noqa: E402
 import structure_floor  # noqa: E402
 import tabulated  # noqa: E402
@@ -136,3 +137,38 @@ def test_floor_is_zero_where_the_structure_can_say_it():
 def test_floor_finds_the_colours():
     # a constant base and one colour; 1e-4: L-BFGS stops at 1e-5, black would be 0.08
     assert structure_floor.floor(paint(1500), True, 1, False) < 1e-4
+
+
+@pytest.mark.parametrize("label", images.MODELS)
+def test_what_a_fit_to_images_moves_is_in_the_scene_and_what_it_finds_renders(llvm, label):
+    """Every unknown and start is a parameter of the scene, inside its range; the start put back is the same BSDF."""
+    from types import SimpleNamespace
+
+    from mi_enhance import placed, unknowns
+    from mi_enhance import scene as scenes
+
+    args = SimpleNamespace(network="ggx")
+    start, sought, starts, bsdf_of = images.MODELS[label](args)
+    loaded = scenes.load("sphere_envmap", start, resolution=8, spp=1)
+    found = sought(loaded)
+    unknowns.check(loaded, found)
+    ranges = {u.key: u.parameter for u in found}
+    for values in starts:
+        assert all(ranges[key].low <= value.min() and value.max() <= ranges[key].high for key, value in values.items())
+    params = mi.traverse(loaded)
+    values = {u.key: placed.get(params, u.key) for u in found}
+    materials = {name: one.read(params) for name, one in placed.find(params).items()}
+    again = mi.traverse(
+        scenes.load("sphere_envmap", bsdf_of(SimpleNamespace(values=values, materials=materials)), resolution=8)
+    )
+    for key, value in values.items():
+        np.testing.assert_allclose(placed.get(again, key), value, rtol=1e-6)
+
+
+def test_ratios_of_fits_to_images_are_those_of_the_means():
+    def row(material, label, error):
+        return {"material": material, "label": label, "mean_abs_log": error, "unseen_light_mean_abs_log": 2 * error}
+
+    errors = {"GGX": (1.0, 3.0), "principled": (2.0, 2.0), "enhanced": (1.0, 1.0)}
+    rows = [row(m, label, e[k]) for k, m in enumerate("ab") for label, e in errors.items()]
+    assert [r["ratio"] for r in images.means(rows)] == [1.0, 1.0, 0.5]

@@ -18,7 +18,7 @@ SMALL = {
 resolution, spp, n_fit = 32, 4, 2000""",
     "03_error_against_time": "n_samples, sizes, resolution, spp, rounds = 2000, (6,), 32, 4, 1",
     "04_fit_from_images": """resolution, n_views, spp = 16, 2, 16
-stages, networks = [(1, 4, 4)], ()""",
+stages, networks = [(1, 4, 4)], ("ggx",)""",
     "05_spatially_varying": 'size, n_samples, network, resolution, spp = 4, 32, "ggx", 32, 4',
 }
 

@@ -10,7 +10,7 @@ from plugin_scenes import ball
 
 from mi_enhance import photographs, unknowns
 from mi_enhance.material import Material
-from mi_enhance.unknowns import get, put
+from mi_enhance.placed import get, put
 from mi_enhance.views import around
 
 MANY = 1024  # samples per pixel

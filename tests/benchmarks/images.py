@@ -8,7 +8,7 @@
   same random numbers, so that what is equal shows equal noise.
 - `--restarts SECONDS`: a few steps each from extreme and random parameters; what is not finite is counted, 0 is wanted.
 
-Ratios are those of the mean absolute log difference. Writes ``images.csv``, ``.json``, ``.md``, and for each material
+Ratios are those of the mean absolute log difference; *noise* is that of two renders of the truth, a floor for all. Writes ``images.csv``, ``.json``, ``.md``, and for each material
 and model a picture and the curve of error against seconds, into the folder of `-o`.
 """
 
@@ -49,6 +49,8 @@ _COLUMNS = {
     "unseen_light_ratio": ("to GGX", ".2f"),
     "unseen_light_ssim": ("SSIM", ".4f"),
     "unseen_light_delta_E_ITP_1000": ("ΔE ITP x1000", ".2f"),
+    "noise": ("noise", ".4f"),
+    "unseen_light_noise": ("noise", ".4f"),
     "fit_seconds": ("fit s", ".0f"),
 }
 
@@ -61,7 +63,8 @@ def main() -> None:
     parser.add_argument("--scene", choices=_CAMERAS, default="shader_ball", help="of the fit; the other one is unseen")
     parser.add_argument("--views", type=int, default=12, help="photographs (default: %(default)s)")
     parser.add_argument("--resolution", type=int, default=64, help="pixels on a side (default: %(default)s)")
-    parser.add_argument("--spp", type=int, default=512, help="of photographs and judged renders (default: %(default)s)")
+    parser.add_argument("--spp", type=int, default=512, help="of the photographs (default: %(default)s)")
+    parser.add_argument("--judge-spp", type=int, default=2048, help="of what is judged (default: %(default)s)")
     parser.add_argument("--stage", dest="stages", action="append", metavar="FACTOR,SPP,STEPS")
     parser.add_argument("--noise", type=float, default=0.0, help="of the photographs, relative (default: none)")
     parser.add_argument("--ldr", action="store_true", help="8-bit photographs")
@@ -135,10 +138,10 @@ def cameras(args, n: int, scene: str, **how) -> list:
     return around(n, target=target, distance=distance, resolution=args.resolution, **how)
 
 
-def renders(args, scene: str, views: list, bsdf: dict) -> list[np.ndarray]:
+def renders(args, scene: str, views: list, bsdf: dict, seed: int = 100) -> list[np.ndarray]:
     """What the cameras see; the same random numbers for every material."""
     loaded = scenes.load(scene, bsdf, resolution=16, spp=1)
-    return [v.image for v in render_views(loaded, views, spp=args.spp, seed=args.seed + 100)]
+    return [v.image for v in render_views(loaded, views, spp=args.judge_spp, seed=args.seed + seed)]
 
 
 def judge(args, model, photos: list, truth: dict, folder: Path, name: str, label: str) -> dict:
@@ -151,7 +154,9 @@ def judge(args, model, photos: list, truth: dict, folder: Path, name: str, label
     bsdf = bsdf_of(found)
     row = {"fit_seconds": found.report["seconds"], "nonfinite_gradients": found.report["nonfinite_gradients"]}
     for (where, views), prefix in zip(unseen(args), ("", "unseen_light_"), strict=True):
-        pairs = list(zip(renders(args, where, views, bsdf), renders(args, where, views, truth), strict=True))
+        exact, again = (renders(args, where, views, truth, seed) for seed in (100, 200))
+        pairs = list(zip(renders(args, where, views, bsdf), exact, strict=True))
+        row[f"{prefix}noise"] = mean(metrics.mean_abs_log, list(zip(again, exact, strict=True)))
         row[f"{prefix}mean_abs_log"] = mean(metrics.mean_abs_log, pairs)
         row[f"{prefix}ssim"] = mean(metrics.ssim, pairs)
         row[f"{prefix}delta_E_ITP_1000"] = 1000 * mean(metrics.delta_E_ITP, pairs)

@@ -1,0 +1,118 @@
+"""Enhanced BSDFs in a scene, and values into and out of its parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .material import Material
+
+# They turn the normal, and with it the horizon: `prb` does not follow edges that move.
+HELD = ("n_x", "n_y")
+
+
+@dataclasses.dataclass(frozen=True)
+class Placed:
+    """An enhanced BSDF in a scene: its material, and the key of each of its parameters."""
+
+    material: Material
+    keys: Mapping[str, str]
+
+    def assignment(self, material: Material) -> dict[str, np.ndarray]:
+        """Values by key that make it the given material of the same model; what is textured stays."""
+        return {key: material.params[name] for name, key in self.keys.items() if key.endswith(f".{name}")}
+
+    @property
+    def is_textured(self) -> bool:
+        """Whether a parameter varies over the surface."""
+        return len(self.keys) < len(self.material.brdf.parameters) or any(
+            not key.endswith(f".{name}") for name, key in self.keys.items()
+        )
+
+    def moving(self) -> list[str]:
+        """Names of parameters that a fit of all of them moves."""
+        return [p.name for p in self.material.brdf.parameters if not p.fixed and p.name not in HELD]
+
+    def read(self, params: mi.SceneParameters) -> Material:
+        """The material with the values that the scene has now; of a texture its mean."""
+        values = {}
+        for p in self.material.brdf.parameters:
+            if p.name in self.keys:
+                value = get(params, self.keys[p.name])
+                value = value.reshape(-1, p.size).mean(0) if self.keys[p.name].endswith((".data", ".value")) else value
+                values[p.name] = np.clip(value, p.low, p.high)
+        return self.material.edit(**values)
+
+
+def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None) -> dict[str, Placed]:
+    """Enhanced BSDFs of a scene, by id.
+
+    Parameters
+    ----------
+    params : mi.SceneParameters
+        Of the scene.
+    given : dict of str to Material, optional
+        Materials as they were loaded, for BSDFs that came from memory: only these have a library of starts.
+
+    Raises
+    ------
+    ValueError
+        If a material is specialised, or one that is given is of no BSDF in the scene or has another model than that.
+    """
+    result = {}
+    for node in params.hierarchy:
+        if type(node).__name__ == "Enhanced":
+            if node.m_material.brdf.compact:
+                raise ValueError(
+                    f'fit_images(): "{node.id()}" is a specialised material, which holds for its own parameters only. '
+                    "Use the exact one: mi-enhance specialize FAST.bsdf --undo -o MAT.bsdf"
+                )
+            keys = {}
+            first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
+            prefix = first.rpartition(".")[0]
+            for p in node.m_material.brdf.parameters:
+                for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
+                    if key in params:
+                        keys[p.name] = key
+            result[node.id() or prefix] = Placed(node.m_material, keys)
+    for name, material in (given or {}).items():
+        if name not in result:
+            raise ValueError(
+                f'fit_images(): materials names "{name}", but the enhanced BSDFs of the scene are '
+                f"{', '.join(result) or 'none'}. Give the BSDF that id."
+            )
+        loaded = result[name].material
+        if str(material.brdf) != str(loaded.brdf) or len(material.vector()) != len(loaded.vector()):
+            raise ValueError(
+                f'fit_images(): "{name}" is {loaded.brdf} in the scene, but {material.brdf} in materials. '
+                "Load the scene with the same material."
+            )
+        result[name] = dataclasses.replace(result[name], material=material)
+    return result
+
+
+def get(params: mi.SceneParameters, key: str) -> np.ndarray:
+    """A scene parameter as a flat float64 vector."""
+    return np.array(params[key], np.float64).ravel()
+
+
+def put(params: mi.SceneParameters, key: str, value: np.ndarray) -> None:
+    """Replace a scene parameter by a flat vector; ``params.update()`` is the caller's."""
+    old, flat = params[key], np.ascontiguousarray(np.ravel(value), np.float32)
+    if isinstance(old, mi.TensorXf):
+        params[key] = mi.TensorXf(_own(flat), old.shape)
+    elif isinstance(old, (mi.Color3f, mi.Vector3f)):
+        params[key] = type(old)(*(_own(np.full(1, v)) for v in np.broadcast_to(flat, 3)))
+    else:
+        params[key] = _own(flat)
+
+
+def _own(values: np.ndarray) -> mi.Float:
+    """Evaluated, in memory of its own: literals and NumPy's memory, aligned by chance, make `dr.freeze` record anew."""
+    result = mi.Float(values.astype(np.float32)) * dr.opaque(mi.Float, 1)
+    dr.eval(result)
+    return result
