@@ -79,6 +79,8 @@ def sample(
     V-cavity has two sides, n and its mirror image about the normal, seen in proportion to their projected areas.
     """
     lobes = model.lobes(params)
+    # On the rim of the unit square Mitsuba's visible normals are NaN: one direction of eight million.
+    sample2 = dr.clip(sample2, 1e-7, 1 - 1e-7)
     cosine = mi.warp.square_to_cosine_hemisphere(sample2)
     if not lobes:
         return cosine
