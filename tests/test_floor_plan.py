@@ -17,7 +17,7 @@ FLOORS = [
     ["features", "alternatives"],
     ["compact"],
     ["enhance", "sampling"],
-    ["energy"],
+    ["energy", "mixture"],
     ["material", "state", "lean", "objective", "levenberg"],
     ["distil", "prune", "prior", "imitate", "normalise", "determined", "density", "check_picture", "bsdfs"],
     ["fit"],
