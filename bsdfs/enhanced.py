@@ -110,6 +110,7 @@ from mi_enhance.enhance import EnhancedBRDF
 from mi_enhance.lean import lean
 from mi_enhance.maps import MaterialMaps
 from mi_enhance.material import Material
+from mi_enhance.models import Model
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
 _RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
@@ -176,6 +177,10 @@ class Enhanced(mi.BSDF):
         if self.m_energy:
             self._check_textures()
         self.m_lobe_albedo = mi.Float(self.m_material.lobe_albedo)
+        mixture = self.m_material.mixture
+        self.m_scales = [mi.Float(c) for c in mixture.scales] if mixture else []
+        self.m_albedos = mi.Float(np.ravel(mixture.albedos)) if mixture else mi.Float(0)
+        dr.make_opaque(self.m_scales, self.m_albedos)
         varying = mi.BSDFFlags.SpatiallyVarying if self.m_textures else mi.BSDFFlags.Empty
         self.m_components = [
             mi.BSDFFlags.DiffuseReflection
@@ -256,7 +261,7 @@ class Enhanced(mi.BSDF):
         else:
             self.m_begun = self.m_brdf.begin_fold(_parts(self.m_brdf, constants, self.m_values), self.m_stored)
             dr.make_opaque(self.m_begun)
-        if not self.m_textures:
+        if not self.m_textures and not self.m_scales:
             present = {name: v for name, v in constants.items() if name not in self.m_lean.left_out}
             self.m_shares = sampling.shares(present, self.m_lobe_albedo, self.m_brdf.model)
             dr.make_opaque(self.m_shares)
@@ -349,14 +354,19 @@ class Enhanced(mi.BSDF):
             value *= energy.factor(self.m_bound, si.wi, params) * energy.factor(self.m_bound, wo, params)
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
-    def _mixture(self, form, params) -> list:
-        """Probabilities of the lobes, from the last update where they cannot have changed."""
+    def _mixture(self, si, form, params) -> tuple[Model, list]:
+        """The model whose lobes are sampled, and their probabilities."""
+        model = form.brdf.model
+        if self.m_scales:
+            shares = sampling.shares_at(si.wi.z, params, self.m_albedos, model)
+            return sampling.scaled(model, list(enumerate(self.m_scales))), shares
+        # from the last update where they cannot have changed
         known = form is self.m_lean and self.m_shares is not None and not dr.grad_enabled(params)
-        return self.m_shares if known else sampling.shares(params, self.m_lobe_albedo, form.brdf.model)
+        return model, self.m_shares if known else sampling.shares(params, self.m_lobe_albedo, model)
 
     def _pdf(self, si, wo, form, params, active):
-        shares = self._mixture(form, params)
-        return dr.select(active, sampling.pdf(si.wi, wo, params, shares, form.brdf.model), 0)
+        model, shares = self._mixture(si, form, params)
+        return dr.select(active, sampling.pdf(si.wi, wo, params, shares, model), 0)
 
     def eval(self, ctx, si, wo, active=True):
         active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
@@ -376,7 +386,8 @@ class Enhanced(mi.BSDF):
         active = self._active(ctx, si, active)
         form, params, folded = self._prepare(si, active)
         bs = mi.BSDFSample3f()
-        bs.wo = sampling.sample(si.wi, params, self._mixture(form, params), sample1, sample2, form.brdf.model)
+        model, shares = self._mixture(si, form, params)
+        bs.wo = sampling.sample(si.wi, params, shares, sample1, sample2, model)
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
         bs.pdf = self._pdf(si, bs.wo, form, params, active)
         active &= bs.pdf > 0

@@ -158,9 +158,12 @@ def _hunt(bsdf: mi.BSDF, material: Material, seed: int) -> dict:
     for wi, wo in pairs:
         si, wo = _hit(wi), _vectors(wo)
         value, pdf = _eval(bsdf, si, wo), bsdf.pdf(context, si, wo)
-        bs, weight = _sample(bsdf, si, [mi.Float(v) for v in rng.random((3, n)).astype(np.float32)])
-        for v in (*value, pdf, *weight, bs.pdf):
+        u = rng.random((3, n)).astype(np.float32)
+        u[:, :64] = rng.choice([0, 0.5, 1 - 2**-24], (3, 64))  # the rim of the cube, where warps are singular
+        bs, weight = _sample(bsdf, si, [mi.Float(v) for v in u])
+        for v in (*value, pdf, *weight, bs.pdf, *bs.wo):
             result["not_finite"] += int(dr.count(~dr.isfinite(v))[0])
+        for v in (*value, pdf, *weight, bs.pdf):
             result["negative"] += int(dr.count(v < 0)[0])
         # 1e-7: no direction is closer to the horizon in float32, and none below counts
         f = dr.select(wo.z > 0, dr.max(value) / dr.maximum(wo.z, 1e-7), 0)

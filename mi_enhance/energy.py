@@ -21,8 +21,8 @@ from .enhance import EnhancedBRDF
 # Evenly spaced in the fourth root of the cosine: the albedo changes most in the last degrees. Node 1 is at 2e-7; node 5
 # at geometry.MIN_COS, where terms have a kink and the albedo of some a peak.
 _NODES = 51
-_AZIMUTHS = 8  # of the view; the table holds the worst of them
-_SAMPLES = 2048  # directions of the light for each view
+_AZIMUTHS = 32  # of the view: anisotropic lobes are narrow; the table holds the worst of them
+_SAMPLES = 1024  # directions of the light for each view
 _STEPS = 8
 # The albedo aimed at: the rest is for the error of the quadrature, and for what the albedo does between the nodes.
 _TARGET = 0.98

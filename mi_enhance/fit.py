@@ -17,6 +17,7 @@ from .determined import determined
 from .enhance import EnhancedBRDF
 from .losses import log_l1
 from .material import Material
+from .mixture import mixture
 from .normalise import normalise, plain
 from .objective import Objective, stacked
 
@@ -127,10 +128,12 @@ def fit(
         "name": measurements.name,
         "source": measurements.source,
     }
-    fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None))
+    fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None, energy=False))
     std, undetermined = determined(fitted, measurements, loss, _held(reciprocal))
     report = {**report, "std": std, "undetermined": undetermined}
-    fitted = dataclasses.replace(fitted, report=report, lobe_albedo=sampling.lobe_albedo(fitted))
+    fitted = dataclasses.replace(
+        fitted, report=report, lobe_albedo=sampling.lobe_albedo(fitted), mixture=mixture(fitted)
+    )
     return _bounded(fitted, measurements) if energy else fitted
 
 

@@ -16,9 +16,10 @@ from ._files import DEFAULT_NETWORK, network_file
 from .data import tensor_file
 from .data._io import replacing, require_file
 from .enhance import EnhancedBRDF, enhance
+from .sampling import Mixture
 
 # Of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`; before 3
-# there was no `energy`, which an older reader would not hold.
+# there was no `energy`, which an older reader would not hold, and no `mixture`.
 FORMAT = 3
 _KIND = "mi_enhance material"
 
@@ -39,6 +40,8 @@ class Material:
         Parameters of the training materials: where fits start. Only networks carry one, fitted materials do not.
     lobe_albedo : float
         Albedo of the specular lobe for rho_s = 1; decides how often it is sampled, see :mod:`mi_enhance.sampling`.
+    mixture : Mixture, optional
+        How it is sampled, found by :func:`mi_enhance.mixture.mixture`; by `lobe_albedo` alone if left out.
     energy : bool
         Hold the directional albedo at 1 or below, whatever the parameters are edited to, see :mod:`mi_enhance.energy`.
 
@@ -55,6 +58,7 @@ class Material:
     library: np.ndarray | None = None
     lobe_albedo: float = 0.1
     energy: bool = False
+    mixture: Mixture | None = None
 
     def __post_init__(self):
         values = {**parameters.initial(self.brdf.parameters), **self.params}
@@ -299,6 +303,7 @@ class Material:
             **({"compact": [c.describe() for c in brdf.compact]} if brdf.compact else {}),
             "lobe_albedo": self.lobe_albedo,
             "energy": self.energy,
+            **({"mixture": self.mixture._asdict()} if self.mixture else {}),
             "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
             "report": self.report,
         }
@@ -396,4 +401,30 @@ def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: 
     report = description.get("report", {})
     if not isinstance(report, dict):
         raise ValueError(f"{where}: report must be an object {{ ... }}; got {report!r}. Save it again.")
-    return Material(brdf, values, report, library, float(lobe_albedo), energy)
+    mixture = _mixture(description, brdf, where)
+    return Material(brdf, values, report, library, float(lobe_albedo), energy, mixture)
+
+
+def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | None:
+    """How the material of a file is sampled; a file need not say."""
+    if description.get("mixture") is None:
+        return None
+    n = len(brdf.model.lobes(_any(brdf)))
+    try:
+        scales, albedos = (np.array(description["mixture"][key], np.float64) for key in Mixture._fields)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{where}: its mixture cannot be understood ({error!r}). Fit it again.") from error
+    good = scales.shape == (n,) and albedos.shape == (n + 1, sampling.NODES)
+    # 100, 1: far beyond what a fit tries, and what the largest albedo is scaled to
+    if not (good and (scales > 0).all() and (scales <= 100).all() and (albedos >= 0).all() and (albedos <= 1).all()):
+        raise ValueError(
+            f"{where}: its mixture must be {n} scale(s) in (0, 100] and albedos {(n + 1, sampling.NODES)} in [0, 1]; "
+            f"got scales {scales.tolist()} and albedos of shape {albedos.shape}. Fit it again."
+        )
+    return Mixture(tuple(scales.tolist()), tuple(map(tuple, albedos.tolist())))
+
+
+def _any(brdf: EnhancedBRDF) -> dict:
+    """Parameters of one lane at their initial values."""
+    vector = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
+    return parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in vector])

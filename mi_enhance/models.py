@@ -51,7 +51,8 @@ def alpha_of_abc(B, C):
 
 def lobes_of_ashikhmin_shirley(params: Mapping) -> list[tuple]:
     """A GGX lobe for cos^n of the roughness alpha^2 = 2 / (n + 2), with which Beckmann's lobe is closest to it."""
-    return [(params["rho_s"], *(dr.sqrt(2 / (params[n] + 2)) for n in ("n_u", "n_v")))]
+    alpha = (dr.sqrt(2 / (params[n] + 2)) for n in ("n_u", "n_v"))
+    return [(params["rho_s"], *alpha)] if "rho_s" in params else []
 
 
 # The loss has a local minimum for each lobe width it can explain: one start for each.

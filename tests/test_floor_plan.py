@@ -17,7 +17,7 @@ FLOORS = [
     ["features", "alternatives", "photographs", "view_files"],
     ["compact"],
     ["enhance", "sampling"],
-    ["energy"],
+    ["energy", "mixture"],
     ["material", "state", "lean", "objective", "levenberg"],
     ["maps"],
     ["surface", "distil", "prune", "prior", "imitate", "normalise", "determined", "bsdfs"],

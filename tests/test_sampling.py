@@ -82,6 +82,17 @@ def test_density_of_the_mixture_integrates_to_what_is_above_the_horizon(llvm, fr
     assert 0.8 < integral < 1 + QUADRATURE
 
 
+@pytest.mark.parametrize("alpha", [(1e-4, 1e-4), (0.01, 1.0), (0.5, 0.5)], ids=str)
+def test_random_numbers_on_the_rim_give_directions(llvm, alpha):
+    """Renderers draw exact zeros; Mitsuba's own distribution answers some of them with NaN."""
+    rim = np.float32([0, 1e-7, 0.25, 0.5, 1 - 2**-24])
+    u = [mi.Float(v.ravel()) for v in np.meshgrid(rim, rim, rim)]
+    for theta in VIEWS.values():
+        wi = mi.Vector3f(view(theta))
+        wo = sampling.sample(wi, parameters(alpha, FLAT), [mi.Float(0.5)], u[0], mi.Point2f(u[1], u[2]))
+        np.testing.assert_allclose(np.linalg.norm(np.array(wo), axis=0), 1, atol=1e-5)  # NaN would not be close
+
+
 def test_density_is_zero_below_either_horizon(llvm):
     rng = np.random.default_rng(1)
     wi, wo = twin.unit(rng.normal(size=(2, 4000, 3))).astype(np.float32)
