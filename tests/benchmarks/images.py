@@ -8,7 +8,8 @@
   same random numbers, so that what is equal shows equal noise.
 - `--restarts SECONDS`: a few steps each from extreme and random parameters; what is not finite is counted, 0 is wanted.
 
-Ratios are those of the mean absolute log difference; *noise* is that of two renders of the truth, a floor for all. Writes ``images.csv``, ``.json``, ``.md``, and for each material
+Ratios are those of the mean absolute log difference; *noise* is that of two renders of the truth, a floor for all.
+Writes ``images.csv``, ``.json``, ``.md``, and for each material
 and model a picture and the curve of error against seconds, into the folder of `-o`.
 """
 
