@@ -16,6 +16,7 @@ from .photographs import Measure, Target
 from .placed import get, put
 from .unknowns import Unknown
 
+_LARGEST = 1e15  # of a derivative: Adam's square of it must stay within float32; a path that says more is an accident
 _MEMORY = 8  # renders whose mean is what the scene looks like: fewer are noisy, more are old
 
 
@@ -156,10 +157,11 @@ class Descent:
             moved = self._moved[u.key]
             if hold_late and u.is_late:
                 gradient = np.zeros_like(moved)
-            finite = np.isfinite(gradient)
-            self.nonfinite += int((~finite).sum())
-            slope = np.where(finite, gradient, 0) * u.slope(moved)
-            dr.set_grad(self._adam[u.key], mi.Float(slope.astype(np.float32)))
+            with np.errstate(invalid="ignore"):  # infinity times 0 is NaN, which is left out below
+                slope = gradient * u.slope(moved)
+            usable = np.abs(slope) < _LARGEST  # false for NaN, too
+            self.nonfinite += int((~usable).sum())
+            dr.set_grad(self._adam[u.key], mi.Float(np.where(usable, slope, 0).astype(np.float32)))
         self._adam.step()
         for u in self._all():
             low, high = u.bounds
