@@ -409,7 +409,7 @@ def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | Non
     """How the material of a file is sampled; a file need not say."""
     if description.get("mixture") is None:
         return None
-    n = len(brdf.model.lobes(_any(brdf)))
+    n = len(brdf.model.lobes(Material(brdf, {}).lanes()))
     try:
         scales, albedos = (np.array(description["mixture"][key], np.float64) for key in Mixture._fields)
     except (KeyError, TypeError, ValueError) as error:
@@ -422,9 +422,3 @@ def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | Non
             f"got scales {scales.tolist()} and albedos of shape {albedos.shape}. Fit it again."
         )
     return Mixture(tuple(scales.tolist()), tuple(map(tuple, albedos.tolist())))
-
-
-def _any(brdf: EnhancedBRDF) -> dict:
-    """Parameters of one lane at their initial values."""
-    vector = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
-    return parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in vector])

@@ -86,8 +86,8 @@ def specialize(
     Raises
     ------
     ValueError
-        If there is no network to be made cheaper, one sees colours, `max_error` is not above 0, `size` is not in 1
-        to 64, or the networks of a textured material have no smaller one.
+        If there is no network to be made cheaper, one sees colours, `max_error` is not above 0, or `size` is not in 1
+        to 64.
     RuntimeError
         If no RGB variant with gradients is active.
 
@@ -162,16 +162,16 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
 def _shared(material: Material, measurements: Measurements | None, seed: int, start: float) -> Material:
     """The small shared network fitted to the measurements, else to the material."""
     wi, wo = sample_pairs(_VALIDATION, seed=seed)
-    f = evaluate(material, wi, wo)
+    f = _evaluate(material, wi, wo)
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
     small = fit(Material.network(SHARED), truth, seed=seed)
-    error = log_l1(evaluate(small, wi, wo), f, wo[:, 2])
+    error = log_l1(_evaluate(small, wi, wo), f, wo[:, 2])
     more = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
     small = dataclasses.replace(small, report={**material.report, **small.report})
     return _specialised(small, small.brdf, SHARED, error, start, {**more, _EXACT: material.brdf.multiply_adds})
 
 
-def evaluate(material: Material, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+def _evaluate(material: Material, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """f (N, 3), through a kernel that compiles fast: baked weights outside of a BSDF take LLVM minutes."""
     evaluators = nn.Trainable(material.brdf.networks)
     dr.disable_grad(evaluators.weights)
