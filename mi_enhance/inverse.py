@@ -42,7 +42,7 @@ def fit_images(
     loss: str = "log",
     stages: Sequence[tuple[int, int, int]] = STAGES,
     lr: float = 0.05,
-    max_depth: int = 4,
+    max_depth: int = 6,
     seed: int = 0,
     callback: Callable | None = None,
     preview: str | Path | None = None,
