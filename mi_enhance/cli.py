@@ -130,6 +130,9 @@ def parser() -> argparse.ArgumentParser:
         help="images at 1/FACTOR of their size, samples per pixel, iterations; repeat, coarse to fine "
         "(default: 2,8,80 and 1,16,120)",
     )
+    p.add_argument(
+        "--max-depth", type=int, default=6, help="longest path; a photograph has them all (default: %(default)s)"
+    )
     p.add_argument("--preview", metavar="DIR", help="folder for pictures: every few iterations, and at the end")
     p.add_argument("--seed", type=int, default=0, help="the same seed gives the same random numbers (default: 0)")
     add_define(p, "parameter of the scene")

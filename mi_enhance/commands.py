@@ -81,6 +81,7 @@ def fit_images(args: argparse.Namespace) -> dict:
             unknowns=args.unknown,
             light_scale=args.light_scale,
             stages=args.stages or inverse.STAGES,
+            max_depth=args.max_depth,
             seed=args.seed,
             callback=progress,
             preview=args.preview,

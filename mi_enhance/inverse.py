@@ -76,7 +76,8 @@ def fit_images(
     lr : float
         Learning rate in the space in which the parameters move; falls like a cosine.
     max_depth : int
-        Longest path.
+        Longest path. A photograph has them all, and the material makes up for those that are missing: in a white room
+        a fit at depth 4 came out 6 % too bright.
     seed : int
     callback : callable, optional
         ``callback(stage, step, loss)`` after every iteration.

@@ -1,8 +1,8 @@
 """Importance sampling: a mixture of visible GGX normals and the cosine, with its exact density (paper, section 5.2).
 
 The lobes are what the analytic model says of itself (``Model.lobes``), with the parameters of the enhanced one.
-Mitsuba's own microfacet distribution draws the normals (Heitz 2018); models that mask with V-cavities see theirs. The
-cosine is that of the surface, which the integrand has, not that of a tilted normal: their ratio has no bound.
+Mitsuba's own microfacet distribution draws visible normals (Heitz 2018); models that mask with V-cavities see theirs.
+The cosine is that of the surface, which the integrand has, not that of a tilted normal: their ratio has no bound.
 """
 
 from __future__ import annotations
@@ -167,13 +167,17 @@ def sample(
         a_x, a_y, first, share = (
             dr.select(later, *v) for v in ((b_x, a_x), (b_y, a_y), (first + share, first), (own, share))
         )
-    distribution = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, a_x, a_y, not model.v_cavity)
-    normal = mi.Vector3f(distribution.sample(view, sample2)[0])
     if model.v_cavity:
+        # All normals. Mitsuba takes the sine from the cosine: at alpha 0.01 slopes below a tenth of it come in steps.
+        (sin, cos), slope = dr.sincos(dr.two_pi * sample2.y), dr.sqrt(sample2.x / (1 - sample2.x))
+        normal = dr.normalize(mi.Vector3f(a_x * slope * cos, a_y * slope * sin, 1))
         other = mi.Vector3f(-normal.x, -normal.y, normal.z)
         seen, hidden = (dr.maximum(dr.dot(view, side), 0) for side in (normal, other))
         # (sample1 - first) / share is uniform in [0, 1) where the lobe is drawn at all
         normal = dr.select((sample1 - first) * (seen + hidden) < share * seen, normal, other)
+    else:
+        distribution = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, a_x, a_y, True)
+        normal = mi.Vector3f(distribution.sample(view, sample2)[0])
     reflected = 2 * dr.dot(local, normal) * normal - local
     drawn = sample1 < first + share
     return dr.select(drawn, frame.to_world(reflected), cosine)

@@ -8,9 +8,10 @@
   same random numbers, so that what is equal shows equal noise.
 - `--restarts SECONDS`: a few steps each from extreme and random parameters; what is not finite is counted, 0 is wanted.
 
-Ratios are those of the mean absolute log difference. *noise* is what is left of it in the truth: half of what two halves
-of its samples differ by. The same random numbers for all, so where the material plays no part nothing differs. Writes ``images.csv``, ``.json``, ``.md``, and for each material
-and model a picture and the curve of error against seconds, into the folder of `-o`.
+Ratios are those of the mean absolute log difference. *noise* is what is left of it in the truth: half of what two
+halves of its samples differ by. Random numbers are the same for all: where the material plays no part nothing differs.
+Writes ``images.csv``, ``.json``, ``.md``, and for each material and model a picture and the curve of error against
+seconds, into the folder of `-o`.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ def cameras(args, n: int, scene: str, **how) -> list:
 
 
 def renders(args, scene: str, views: list, bsdf: dict) -> np.ndarray:
-    """What the cameras see, in two halves of the samples (2, views, H, W, 3); the same random numbers for every BSDF."""
+    """What cameras see, in two halves of the samples (2, views, H, W, 3); the same random numbers for every BSDF."""
     loaded = scenes.load(scene, bsdf, resolution=16, spp=1)
     halves = [render_views(loaded, views, spp=args.judge_spp // 2, seed=args.seed + s) for s in (100, 200)]
     return np.array([[v.image for v in half] for half in halves])
