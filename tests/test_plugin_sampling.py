@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from plugin_scenes import analytic, directions, hit, material, vectors
 
+from mi_enhance import models
+from mi_enhance.density import chi_square
 from mi_enhance.material import Material
 
 SIGNIFICANCE = 0.01  # of all chi-square tests together: the Sidak correction asks the more of each, the more there are
@@ -116,6 +118,18 @@ def test_samples_of_other_models_follow_the_density(llvm, name, degrees, tmp_pat
     sample, pdf = mi.chi2.BSDFAdapter("enhanced", other(name).to_dict(), wi=view(degrees))
     test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, sample_dim=3, sample_count=400_000, ires=8)
     assert test.run(SIGNIFICANCE, test_count=len(OTHERS) * len(ANGLES), quiet=True), test.messages
+
+
+@pytest.mark.parametrize("degrees", (0, 60, 89))
+@pytest.mark.parametrize("name", sorted(models.MODELS))
+def test_near_mirrors_of_all_models_follow_the_density(llvm, name, degrees, tmp_path, monkeypatch):
+    """Cells as narrow as the lobe: a sine from a rounded cosine would show as steps."""
+    monkeypatch.chdir(tmp_path)
+    m = Material.analytic(name)
+    sharp = {"alpha_x": 0.005, "alpha_y": 0.005, "alpha_x2": 0.01, "alpha_y2": 0.01, "n_u": 8e4, "n_v": 8e4, "B": 4e4}
+    m = m.edit(**{key: v for key, v in sharp.items() if key in m.params})
+    result = chi_square(m.bsdf(), view(degrees), m.lanes(), m.brdf.model, test_count=3 * len(models.MODELS))
+    assert result["passed"], result["message"]
 
 
 def albedo_by_sampling(b, wi, n=300_000):
