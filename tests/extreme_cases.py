@@ -213,6 +213,8 @@ def twin_gradients(f, wi, wo, p, brdf) -> tuple[dict, np.ndarray]:
     loss = lambda q: np.log1p(f(wi, wo, q) * cos) @ [1.0, 2.0, 3.0]  # noqa: E731
     # a turn of the frame by a share of the roughness moves a lobe by that share of its width
     width = np.min([v[:, 0] for k, v in p.items() if k.startswith("alpha")] or [np.full(len(wi), 0.01)], axis=0)
+    # and must not tilt a direction that grazes below the horizon, nor near it: a thousandth of its cosine is little
+    width = np.minimum(width, 30 * np.minimum(np.abs(wi[:, 2]), np.abs(wo[:, 2])))
     result, smooth = {}, np.ones(len(wi), bool)
     for q in brdf.parameters:
         scale = width if q.name in parameters.FRAME else np.maximum(np.abs(p[q.name]).max(1), 1e-3)
