@@ -136,6 +136,25 @@ def test_evaluators_are_the_twin(llvm, kind, shape):
     np.testing.assert_allclose(run(evaluator(kind, mlp), mlp, x), expected, atol=FORWARD * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_half_precision_is_near_the_twin(llvm, shape):
+    """What a GPU computes, computed here: ten bits of mantissa, a few layers."""
+    mlp = network(shape)
+    x = inputs(mlp)
+    expected = twin_networks.mlp(mlp, x)
+    got = run(nn.Cooperative(mlp, half=True), mlp, x)
+    np.testing.assert_allclose(got, expected, atol=5e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_half_precision_stays_in_its_range(llvm, shape):
+    """Weights and parameters that take a layer beyond 65504, both signs at once: no infinity less infinity."""
+    mlp = network(shape)
+    large = nn.MLP(tuple((30 * w, 30 * b) for w, b in mlp.layers), mlp.n_folded, mlp.modulated)
+    assert np.abs(twin_networks.mlp(large, 100 * inputs(mlp))).max() > 65504
+    assert np.isfinite(run(nn.Cooperative(large, half=True), large, 100 * inputs(mlp))).all()
+
+
 @pytest.mark.parametrize("shape", ["node", "modulated"])
 def test_folding_is_exact_for_a_uniform_material(llvm, shape):
     """One lane of constants folded, many lanes of directions: the same as 45 inputs in every lane."""

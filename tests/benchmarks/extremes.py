@@ -1,14 +1,15 @@
 """Extreme materials and directions: float32 kernels against the float64 twin, and a hunt for NaN among many more.
 
-Three figures for every case, worst of all materials of a kind: the error of values and gradients on a few thousand
-lanes that the twin (tests/twin.py) also evaluates; the same error over what the rounding of float32 directions and
-parameters changes by itself; and lanes with a value or derivative that is not finite, or a value below 0, among all
-evaluations. Cases and materials are those of tests/extreme_cases.py.
+Figures for every case, worst of all materials of a kind: the error of values and gradients on a few thousand lanes
+that the twin (tests/twin.py) also evaluates; the same error over what the rounding of float32 directions and parameters
+changes by itself; what half precision, as on a GPU, changes in networks; and lanes with a value or derivative that is
+not finite, or a value below 0, among all evaluations. Cases and materials are those of tests/extreme_cases.py.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish
 
+from mi_enhance import nn
 from mi_enhance.timing import machine
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # the tests: cases and twin
@@ -32,6 +34,8 @@ _COLUMNS = {
     "value": ("value, worst", ".1e"),
     "value_99": ("99 %", ".1e"),
     "over_rounding": ("over rounding", ".2f"),
+    "half": ("half precision, median", ".1e"),
+    "half_99": ("99 %", ".1e"),
     "gradient": ("gradient, worst", ".1e"),
     "gradient_99": ("99 %", ".1e"),
     "evaluations": ("evaluations", ",d"),
@@ -84,8 +88,20 @@ def _compare(row: dict, material, case: str, args) -> None:
         "gradient": e.gradient.max(),
         "gradient_99": np.quantile(e.gradient, 0.99),
     }
+    if material.brdf.networks:
+        half = _half_precision(material, case, args)
+        figures |= {"half": np.median(half), "half_99": np.quantile(half, 0.99)}
     for key, v in figures.items():
         row[key] = max(row.get(key, 0.0), float(v))
+
+
+def _half_precision(material, case: str, args) -> np.ndarray:
+    """What networks in half precision change, relative as the other errors, (samples,)."""
+    brdf = material.brdf
+    drawn = cases.draw(cases.CASES[case], brdf, args.samples, args.seed)
+    kinds = nn.Cooperative, functools.partial(nn.Cooperative, half=True)
+    full, half = (np.array(brdf(*drawn, brdf.evaluators(kind)), np.float64) for kind in kinds)
+    return np.abs(half - full).max(0) / np.maximum(np.abs(full).max(0), cases.DARK)
 
 
 if __name__ == "__main__":
