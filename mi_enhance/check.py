@@ -85,8 +85,9 @@ def check(
     reciprocity, worst = _reciprocity(bsdf)
     add("reciprocity, relative", worst, *_claim(material.reciprocal, worst, RECIPROCITY))
     callback("albedo")
-    albedo, peaks = _albedo(bsdf)
-    largest = float(albedo.max())
+    phi = np.arange(_AZIMUTHS) / _AZIMUTHS * 2 * np.pi
+    albedos, peaks = albedo(bsdf, np.cos(np.deg2rad(_ANGLES)), phi)
+    largest = float(albedos.max())
     add("largest albedo", largest, *_claim(material.energy, largest, ALBEDO))
     params, tests = material.lanes(), []
     for degrees in _VIEWS:
@@ -105,7 +106,7 @@ def check(
 
         folder = Path(out_dir)
         folder.mkdir(parents=True, exist_ok=True)
-        draw(np.array(_ANGLES), albedo, peaks, reciprocity, folder / "check.png", title=str(material.brdf))
+        draw(np.array(_ANGLES), albedos, peaks, reciprocity, folder / "check.png", title=str(material.brdf))
         paths = {**write_table(rows, folder / "check", COLUMNS), "png": folder / "check.png"}
         result["files"] = {suffix: str(path) for suffix, path in paths.items()}
     return result
@@ -206,14 +207,40 @@ def _reciprocity(bsdf: mi.BSDF) -> tuple[np.ndarray, float]:
     return error.reshape(_MAP, _MAP, -1).max(2), float(error.max())
 
 
-def _albedo(bsdf: mi.BSDF) -> tuple[np.ndarray, np.ndarray]:
-    """Albedo (angles, azimuths, 3) and the largest f met in each angle."""
-    phi = np.arange(_AZIMUTHS) / _AZIMUTHS * 2 * np.pi
-    wi = _direction(np.cos(np.deg2rad(_ANGLES))[:, None], phi).reshape(-1, 3)
-    n = len(wi) * _SAMPLES
-    u = sampling.even_numbers(n, dr.arange(mi.UInt32, n) % _SAMPLES)
-    bs, weight = _sample(bsdf, _hit(np.repeat(wi, _SAMPLES, 0)), u)
+def albedo(
+    bsdf: mi.BSDF, cosines: np.ndarray, phi: np.ndarray, n: int = _SAMPLES, first: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Directional albedo by the BSDF's own samples.
+
+    Parameters
+    ----------
+    bsdf : mi.BSDF
+    cosines, phi : array (A,), (B,)
+        Views: cosines to the surface's normal, azimuths in radians.
+    n : int
+        Samples of each view.
+    first : int
+        Index of the first point of the sequence that they come from: another one, other samples.
+
+    Returns
+    -------
+    array (A, B, 3)
+        Albedo.
+    array (A,)
+        Largest f in 1/sr that was met.
+
+    Examples
+    --------
+    >>> white = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}})
+    >>> albedo(white, np.ones(1), np.zeros(1))[0].round(3).ravel()
+    array([1., 1., 1.])
+    """
+    wi = _direction(np.asarray(cosines)[:, None], phi).reshape(-1, 3)
+    lanes = len(wi) * n
+    u = sampling.even_numbers(lanes, dr.arange(mi.UInt32, lanes) % n + first)
+    si = dr.zeros(mi.SurfaceInteraction3f, lanes)
+    si.wi = dr.repeat(_vectors(wi), n)
+    bs, weight = _sample(bsdf, si, u)
     peak = dr.max(weight) * bs.pdf / dr.maximum(bs.wo.z, 1e-7)  # 1e-7: as in _hunt
-    peak = np.array(peak).reshape(len(_ANGLES), -1).max(1)
-    mean = np.array(weight, np.float64).reshape(3, len(wi), _SAMPLES).mean(2)
-    return mean.T.reshape(len(_ANGLES), _AZIMUTHS, 3), peak
+    mean = np.array([dr.block_sum(c, n) for c in weight], np.float64).T / n
+    return mean.reshape(len(cosines), len(phi), 3), np.array(peak).reshape(len(cosines), -1).max(1)

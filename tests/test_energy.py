@@ -6,11 +6,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from plugin_scenes import ball, bitmap, directions, evaluate, hit
+from plugin_scenes import ball, bitmap, directions, evaluate
 
-from mi_enhance import energy, sampling
+from mi_enhance import energy
 from mi_enhance._files import network_file
-from mi_enhance.check import ALBEDO, RECIPROCITY
+from mi_enhance.check import ALBEDO, RECIPROCITY, albedo
 from mi_enhance.material import Material
 
 BRIGHT = {"rho_d": 1.0, "rho_s": 1.0}
@@ -19,14 +19,7 @@ COSINES = np.array([1, 0.97, 0.8, 0.6, 0.45, 0.3, 0.2, 0.12, 0.07, 0.04, 0.02, 0
 
 def albedos(bsdf, azimuths=5, n=1 << 13):
     """Largest channel at views between the nodes and the azimuths of the table, by samples that it was not made of."""
-    phi = (np.arange(azimuths) + 0.3) / azimuths * 2 * np.pi
-    sin = np.sqrt(1 - COSINES**2)[:, None]
-    wi = np.stack(np.broadcast_arrays(sin * np.cos(phi), sin * np.sin(phi), COSINES[:, None]), -1).reshape(-1, 3)
-    lanes = len(wi) * n
-    u = sampling.even_numbers(lanes, dr.arange(mi.UInt32, lanes) % n + 4096)
-    dr.eval(u)
-    _, weight = bsdf.sample(mi.BSDFContext(), hit(np.repeat(wi, n, 0)), u[0], mi.Point2f(u[1], u[2]))
-    return np.array(weight, np.float64).reshape(3, -1, n).mean(2).max(0).reshape(len(COSINES), azimuths)
+    return albedo(bsdf, COSINES, (np.arange(azimuths) + 0.3) / azimuths * 2 * np.pi, n, first=4096)[0].max(2)
 
 
 @pytest.mark.parametrize(

@@ -19,12 +19,13 @@ import mitsuba as mi
 import numpy as np
 from common import finish
 
-from mi_enhance import data, fit, models, parameters, sampling
+from mi_enhance import data, fit, models, parameters
 from mi_enhance._files import network_file
+from mi_enhance.check import albedo
 from mi_enhance.data._io import replacing
 from mi_enhance.material import Material
 from mi_enhance.picture import sheet
-from mi_enhance.timing import clock, machine
+from mi_enhance.timing import clock, interleaved, machine, spread
 
 _COLUMNS = {
     "material": ("material", ""),
@@ -36,11 +37,15 @@ _COLUMNS = {
     "log_l1": ("both", ".4f"),
     "ratio": ("both / reciprocal", ".3f"),
     "ratio_free": ("both / free", ".3f"),
+    "eval_ns_free": ("eval ns, free", ".1f"),
+    "eval_ns_reciprocal": ("reciprocal", ".1f"),
+    "eval_ns": ("both", ".1f"),
     "update_ms": ("update, ms", ".0f"),
 }
 # Denser than the table of mi_enhance.energy, and between its nodes; cosines to the normal of the surface.
 _COSINES = np.linspace(0.03, 1, 40) ** 4
 _AZIMUTHS, _SAMPLES, _PAIRS = 4, 1 << 11, 1 << 15
+_LANES = 1 << 21  # of a timed evaluation
 _SMOOTHEST = 0.006  # of the roughnesses of OpenSVBRDF
 
 
@@ -70,7 +75,11 @@ def main() -> None:
         print(rows[-1], flush=True)
     ratios = [row["ratio"] for row in rows if "ratio" in row]
     if ratios:
-        mean = {k: float(np.mean([r[k] for r in rows if "ratio" in r])) for k in _COLUMNS if k.startswith("log_l1")}
+        mean = {
+            k: float(np.mean([r[k] for r in rows if "ratio" in r]))
+            for k in _COLUMNS
+            if k.startswith(("log_l1", "eval_ns"))
+        }
         mean |= {
             "ratio": mean["log_l1"] / mean["log_l1_reciprocal"],
             "ratio_free": mean["log_l1"] / mean["log_l1_free"],
@@ -101,23 +110,16 @@ def _examine(material: Material) -> dict:
     return {**result, "update_ms": 1000 * seconds}
 
 
-def _hit(wi: np.ndarray, times: int = 1) -> mi.SurfaceInteraction3f:
-    si = dr.zeros(mi.SurfaceInteraction3f, len(wi) * times)
-    si.wi = dr.repeat(mi.Vector3f(np.ascontiguousarray(wi.T.astype(np.float32))), times)
+def _hit(wi: np.ndarray) -> mi.SurfaceInteraction3f:
+    si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
+    si.wi = mi.Vector3f(np.ascontiguousarray(wi.T.astype(np.float32)))
     return si
 
 
 def _albedos(bsdf: mi.BSDF) -> np.ndarray:
     """Albedo (cosines, azimuths, 3), by other samples than those of the table."""
     phi = (np.arange(_AZIMUTHS) + 0.3) / _AZIMUTHS * 2 * np.pi
-    sin = np.sqrt(1 - _COSINES**2)[:, None]
-    wi = np.stack(np.broadcast_arrays(sin * np.cos(phi), sin * np.sin(phi), _COSINES[:, None]), -1).reshape(-1, 3)
-    n = len(wi) * _SAMPLES
-    u = sampling.even_numbers(n, dr.arange(mi.UInt32, n) % _SAMPLES + 77_777)
-    dr.eval(u)
-    _, weight = bsdf.sample(mi.BSDFContext(), _hit(wi, _SAMPLES), u[0], mi.Point2f(u[1], u[2]))
-    mean = np.array([dr.block_sum(c, _SAMPLES) for c in weight], np.float64) / _SAMPLES
-    return mean.T.reshape(len(_COSINES), _AZIMUTHS, 3)
+    return albedo(bsdf, _COSINES, phi, _SAMPLES, first=77_777)[0]
 
 
 def _reciprocity(bsdf: mi.BSDF) -> float:
@@ -171,12 +173,33 @@ def _fitted(file: str, args) -> dict:
         "log_l1_reciprocal": both.report["log_l1_unbounded"],
         "log_l1": both.report["log_l1"],
     }
+    bsdfs = {
+        "eval_ns_free": free.bsdf(),
+        "eval_ns_reciprocal": mi.load_dict({**both.to_dict(), "energy": False}),
+        "eval_ns": both.bsdf(),
+    }
     return {
         **row,
         **figures,
+        **_nanoseconds(bsdfs),
         "ratio": figures["log_l1"] / figures["log_l1_reciprocal"],
         "ratio_free": figures["log_l1"] / figures["log_l1_free"],
     }
+
+
+def _nanoseconds(bsdfs: dict[str, mi.BSDF]) -> dict[str, float]:
+    """Of one evaluation, in turns."""
+    pair = np.random.default_rng(0).normal(size=(2, _LANES, 3)).astype(np.float32)
+    pair[..., 2] = np.abs(pair[..., 2])
+    wi, wo = pair / np.linalg.norm(pair, axis=-1, keepdims=True)
+    si, wo = _hit(wi), mi.Vector3f(np.ascontiguousarray(wo.T))
+    dr.eval(si, wo)
+
+    def job(bsdf):
+        return lambda: (dr.eval(bsdf.eval(mi.BSDFContext(), si, wo)), dr.sync_thread())
+
+    seconds = interleaved({name: job(bsdf) for name, bsdf in bsdfs.items()}, rounds=9)
+    return {name: spread(s)["seconds"] / _LANES * 1e9 for name, s in seconds.items()}
 
 
 def _draw(albedos: np.ndarray, path: Path) -> None:
