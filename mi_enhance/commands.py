@@ -93,7 +93,7 @@ def fit_images(args: argparse.Namespace) -> dict:
         print(f"{material.show()}\n{outputs[-1]}")
     if args.preview:
         inverse_picture.draw_views(views, found.renders, Path(args.preview) / "views.png")
-        inverse_picture.draw_convergence(found.curve, Path(args.preview) / "convergence.png")
+        inverse_picture.draw_convergence({output.stem: found.curve}, Path(args.preview) / "convergence.png")
     for row in found.report["views"]:
         print(f"{row['name']} ({row['split']}): mean abs log difference {row['mean_abs_log']:.4f}")
     return {**found.report, "curve": found.curve, "outputs": [str(path) for path in outputs]}

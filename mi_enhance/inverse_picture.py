@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mitsuba as mi
@@ -55,15 +55,19 @@ def draw_views(views: Sequence[View], renders: Sequence[np.ndarray], path: str |
         figure.colorbar(shown, ax=axes[2].tolist(), label="abs. log difference", extend="max")
 
 
-def draw_convergence(curve: Sequence[dict], path: str | Path) -> None:
-    """Write loss against seconds as PNG; compilation is where nothing happens.
+def draw_convergence(curves: Mapping[str, Sequence[dict]], path: str | Path) -> None:
+    """Write loss against seconds as PNG, of one fit or several; compilation is where nothing happens.
 
     Examples
     --------
-    >>> draw_convergence(fit.curve, "convergence.png")  # doctest: +SKIP
+    >>> draw_convergence({"enhanced": fit.curve}, "convergence.png")  # doctest: +SKIP
     """
     with sheet(path, (7, 4), 100) as figure:
         axes = figure.add_subplot()
-        axes.plot([row["seconds"] for row in curve], [row["loss"] for row in curve], ".-", ms=3, lw=0.8)
+        for label, curve in curves.items():
+            axes.plot(
+                *zip(*((row["seconds"], row["loss"]) for row in curve), strict=True), ".-", ms=3, lw=0.8, label=label
+            )
         axes.set(xlabel="seconds", ylabel="loss", yscale="log")
         axes.grid(alpha=0.3, which="both")
+        axes.legend()

@@ -171,7 +171,7 @@ def test_fit_explains_views_it_has_not_seen(paint, tmp_path):
     for view, render in zip(again, found.renders, strict=True):
         assert np.abs(np.log1p(view.image) - np.log1p(render)).mean() < NOISE
     inverse_picture.draw_views(paint, found.renders, tmp_path / "views.png")
-    inverse_picture.draw_convergence(found.curve, tmp_path / "convergence.png")
+    inverse_picture.draw_convergence({"enhanced": found.curve}, tmp_path / "convergence.png")
     assert {"views.png", "convergence.png", "step_0001.png"} <= {p.name for p in tmp_path.iterdir()}
 
 

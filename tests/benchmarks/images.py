@@ -10,8 +10,8 @@
 
 Ratios are those of the mean absolute log difference. *noise* is what is left of it in the truth: half of what two
 halves of its samples differ by. Random numbers are the same for all: where the material plays no part nothing differs.
-Writes ``images.csv``, ``.json``, ``.md``, and for each material and model a picture and the curve of error against
-seconds, into the folder of `-o`.
+Writes ``images.csv``, ``.json``, ``.md``, for each material and model a picture of photographs, re-renders and errors,
+and for each material the loss against seconds of all models, into the folder of `-o`.
 """
 
 from __future__ import annotations
@@ -112,6 +112,9 @@ def material_rows(args, file: Path, folder: Path) -> list[dict]:
             with replacing(kept) as temporary:
                 Path(temporary).write_text(json.dumps(row))
         rows.append(json.loads(kept.read_text()))
+    curves = {label: folder / f"{name}_{folder_name(label)}_curve.json" for label in MODELS}
+    curves = {label: json.loads(path.read_text()) for label, path in curves.items()}
+    inverse_picture.draw_convergence(curves, folder / f"{name}_convergence.png")
     return with_ratios(rows)
 
 
@@ -167,7 +170,8 @@ def judge(args, model, photos: list, exact: list[np.ndarray], folder: Path, name
         row[f"{prefix}psnr"] = mean(metrics.psnr, pairs)
     stem = folder / f"{name}_{folder_name(label)}"
     inverse_picture.draw_views(photos, found.renders, f"{stem}_views.png")
-    inverse_picture.draw_convergence(found.curve, f"{stem}_convergence.png")
+    with replacing(f"{stem}_curve.json") as temporary:
+        Path(temporary).write_text(json.dumps(found.curve))
     for material in found.materials.values():
         material.save(f"{stem}.bsdf")
     return row
