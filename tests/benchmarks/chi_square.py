@@ -14,10 +14,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 import numpy as np
-from common import finish
+from common import finish, shipped
 
-from mi_enhance import data, fit, models
-from mi_enhance._files import network_file
+from mi_enhance import data, fit
 from mi_enhance.data._io import material_name
 from mi_enhance.density import chi_square
 from mi_enhance.material import Material
@@ -25,7 +24,7 @@ from mi_enhance.mixture import mixture
 from mi_enhance.timing import machine
 
 _DEGREES = (0, 30, 60, 75, 85, 89)
-_AZIMUTH = 0.7
+_AZIMUTH = 0.7  # tilted normals lean this way: no view is below their horizon
 _ROUGHNESS = ((0.01, 0.01), (0.03, 0.03), (0.1, 0.1), (0.3, 0.3), (1.0, 1.0), (0.01, 0.3), (0.5, 0.02))
 _TILT = {"n_x": 0.1, "n_y": -0.05, "t_theta": 0.6}
 _COLUMNS = {
@@ -49,7 +48,7 @@ def main() -> None:
 
     mi.set_variant("llvm_ad_rgb")
     about = machine()
-    materials = {name: variations(shipped) for name, shipped in _shipped().items()}
+    materials = {name: variations(shipped) for name, shipped in shipped().items()}
     for file in args.files:
         materials[material_name(file)] = [fit(Material.network(), data.load(file))]
     count = len(_DEGREES) * sum(len(group) for group in materials.values())
@@ -73,12 +72,6 @@ def main() -> None:
     raise SystemExit(total["failed"] > 0)
 
 
-def _shipped() -> dict[str, Material]:
-    result = {name: Material.analytic(name) for name in sorted(models.MODELS)}
-    networks = sorted(network_file("ggx").parent.glob("*.bsdf"))
-    return result | {f"network {path.stem}": Material.load(path) for path in networks}
-
-
 def variations(material: Material) -> list[Material]:
     """Every roughness; each second one with a tilted normal; each as it is and with a mixture of its own."""
     own = {p.name for p in material.brdf.parameters}
@@ -99,9 +92,7 @@ def chi_square_at(material: Material, degrees: float, count: int, args) -> dict:
     theta = np.deg2rad(degrees)
     wi = [np.sin(theta) * np.cos(_AZIMUTH), np.sin(theta) * np.sin(_AZIMUTH), np.cos(theta)]
     how = {"test_count": count, "n": args.samples, "seed": args.seed}
-    found = chi_square(material.bsdf(), wi, material.lanes(), material.brdf.model, **how)
-    # a view below the horizon of a tilted normal sees nothing, and nothing is sampled
-    return found or {"passed": True, "p_value": 1.0, "normalisation": 1.0}
+    return chi_square(material.bsdf(), wi, material.lanes(), material.brdf.model, **how)
 
 
 if __name__ == "__main__":

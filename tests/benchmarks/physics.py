@@ -17,10 +17,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
-from common import finish
+from common import finish, shipped
 
-from mi_enhance import data, fit, models, parameters
-from mi_enhance._files import network_file
+from mi_enhance import data, fit, parameters
 from mi_enhance.check import albedo
 from mi_enhance.data._io import replacing
 from mi_enhance.material import Material
@@ -63,7 +62,7 @@ def main() -> None:
 
     mi.set_variant("llvm_ad_rgb")
     about, rows = machine(), []
-    for name, material in tqdm(_shipped().items(), desc="shipped"):
+    for name, material in tqdm(shipped().items(), desc="shipped"):
         bright = {p.name: 1.0 if p.name in ("F0", "rho_d") else p.high / 5 for p in material.brdf.model.parameters
                   if p.is_colour or p.name == "F0"}  # fmt: skip
         rows.append({"material": name, **_examine(material.edit(**bright, asymmetry=0.0)
@@ -91,13 +90,6 @@ def main() -> None:
         Path(temporary).write_text(json.dumps({"machine": about, "rows": rows}, indent=1) + "\n")
     _draw(albedos, folder / "physics.png")
     finish(rows, _COLUMNS, title="Reciprocity and energy", about=about, as_json=args.json)
-
-
-def _shipped() -> dict[str, Material]:
-    result = {name: Material.analytic(name) for name in sorted(models.MODELS)}
-    return result | {
-        f"network {path.stem}": Material.load(path) for path in sorted(network_file("ggx").parent.glob("*.bsdf"))
-    }
 
 
 def _examine(material: Material) -> dict:
