@@ -29,10 +29,9 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 import rivals
 import tabulated
-from common import finish
+from common import averaged, finish
 
 from mi_enhance import data, metrics, picture, scene
-from mi_enhance.data import rgl
 from mi_enhance.data._io import material_name, replacing
 from mi_enhance.losses import log_l1
 from mi_enhance.table import print_table, write_table
@@ -179,8 +178,7 @@ def errors(evaluate, measurements: data.Measurements, path) -> dict:
     """The four errors of a model on the samples of an RGL file."""
     wi, wo = measurements.wi, measurements.wo
     cos_i, cos_o = wi[:, 2:], wo[:, 2:]
-    other = np.maximum(rgl.evaluate(path, wo, wi) * cos_i, 0)
-    reciprocal = (measurements.f * cos_o + other) / (cos_i + cos_o)
+    reciprocal = averaged(measurements, path)
     f = evaluate(wi, wo)
     below = np.minimum(cos_i, cos_o)[:, 0] > np.cos(np.deg2rad(_MAX_ANGLE))
     return {

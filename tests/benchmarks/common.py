@@ -1,4 +1,4 @@
-"""What the benchmarks share: names of folders, what is shipped, the end of a run."""
+"""What the benchmarks share: names of folders, what is shipped, a reciprocal truth, the end of a run."""
 
 from __future__ import annotations
 
@@ -18,6 +18,20 @@ def shipped() -> dict:
     result = {name: Material.analytic(name) for name in sorted(models.MODELS)}
     networks = sorted(network_file("ggx").parent.glob("*.bsdf"))
     return result | {f"network {path.stem}": Material.load(path) for path in networks}
+
+
+def averaged(measurements, path):
+    """The reflectance of an RGL file, (N, 3), as the average of both orders of each pair: reciprocal.
+
+    What NPs was made from: f = (max(e(wi, wo), 0) + max(e(wo, wi), 0)) / (cos_i + cos_o), e with its cosine.
+    """
+    import numpy as np
+
+    from mi_enhance.data import rgl
+
+    wi, wo = measurements.wi, measurements.wo
+    cos_i, cos_o = wi[:, 2:], wo[:, 2:]
+    return (measurements.f * cos_o + np.maximum(rgl.evaluate(path, wo, wi) * cos_i, 0)) / (cos_i + cos_o)
 
 
 def finish(rows: list[dict], columns: dict, *, title: str, about: dict, as_json: bool) -> None:

@@ -9,6 +9,7 @@ alone and with neither.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
-from common import finish, shipped
+from common import averaged, finish, shipped
 
 from mi_enhance import data, fit, parameters
 from mi_enhance.check import albedo
@@ -55,6 +56,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="out/physics", help="folder (default: %(default)s)")
     parser.add_argument("--edits", type=int, default=1000, help="random materials (default: %(default)s)")
     parser.add_argument("--samples", type=int, default=100_000, help="of each file (default: %(default)s)")
+    parser.add_argument("--averaged", action="store_true", help="fit to the average of both orders of each pair")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
@@ -156,6 +158,8 @@ def _edited(n: int, seed: int, tqdm) -> tuple[dict, np.ndarray]:
 def _fitted(file: str, args) -> dict:
     """A file fitted freely, with `reciprocal`, and with both options."""
     measurements = data.load(file, n_samples=args.samples, seed=args.seed)
+    if args.averaged:
+        measurements = dataclasses.replace(measurements, f=averaged(measurements, file))
     free = fit(Material.network(), measurements, seed=args.seed)
     both = fit(Material.network(), measurements, reciprocal=True, energy=True, seed=args.seed)
     row = {"material": Path(file).stem.removesuffix("_rgb"), **_examine(both)}
