@@ -23,28 +23,37 @@ from . import _llvm
 
 __version__ = "0.1.0"
 
-_MODULES = ("data", "geometry", "graph", "losses", "metrics", "models", "sampling", "terms")
-# name: the module that holds it. The functions among them that are named like their module need _Package below.
-_NAMES = {
-    "Material": "material",
-    "load": "material",
-    "enhance": "enhance",
-    "fit": "fit",
-    "fit_images": "inverse",
-    "check": "check",
-    "specialize": "specialize",
-    "train": "train",
-    "search": "search",
-    "compare": "compare",
-    "shader_ball": "scene",
-    "MaterialMaps": "maps",
-    "fit_texels": "texels",
-    "View": "views",
-    "read_views": "view_files",
-    "write_views": "view_files",
-    "render_views": "views",
+# public name: the module that holds it, or the module itself where the last part is the name
+_PUBLIC = {
+    "Material": "mi_enhance.material",
+    "MaterialMaps": "mi_enhance.maps",
+    "View": "mi_enhance.views",
+    "check": "mi_enhance.check",
+    "compare": "mi_enhance.compare",
+    "enhance": "mi_enhance.enhance",
+    "fit": "mi_enhance.fit",
+    "fit_images": "mi_enhance.inverse",
+    "fit_texels": "mi_enhance.texels",
+    "load": "mi_enhance.material",
+    "read_views": "mi_enhance.view_files",
+    "render_views": "mi_enhance.views",
+    "search": "mi_enhance.search",
+    "shader_ball": "mi_enhance.scene",
+    "specialize": "mi_enhance.specialize",
+    "train": "mi_enhance.train",
+    "write_views": "mi_enhance.view_files",
 }
-__all__ = ["__version__", *_MODULES, *_NAMES]
+_MODULES = {
+    "data": "mi_enhance.data",
+    "geometry": "mi_enhance.geometry",
+    "graph": "mi_enhance.graph",
+    "losses": "mi_enhance.losses",
+    "metrics": "mi_enhance.metrics",
+    "models": "mi_enhance.models",
+    "sampling": "mi_enhance.sampling",
+    "terms": "mi_enhance.terms",
+}
+__all__ = ["__version__", *_MODULES, *_PUBLIC]
 
 
 class _Package(ModuleType):
@@ -55,7 +64,7 @@ class _Package(ModuleType):
     """
 
     def __setattr__(self, name, value):
-        if not (name in _NAMES and isinstance(value, ModuleType)):
+        if not (name in _PUBLIC and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 
@@ -64,11 +73,11 @@ sys.modules[__name__].__class__ = _Package
 
 def __getattr__(name: str):
     if name in _MODULES:
-        return importlib.import_module(f"{__name__}.{name}")
+        return importlib.import_module(_MODULES[name])
     if name == "load":
-        return importlib.import_module(f"{__name__}.material").Material.load
-    if name in _NAMES:
-        return getattr(importlib.import_module(f"{__name__}.{_NAMES[name]}"), name)
+        return importlib.import_module(_PUBLIC[name]).Material.load
+    if name in _PUBLIC:
+        return getattr(importlib.import_module(_PUBLIC[name]), name)
     raise AttributeError(f'mi_enhance has no "{name}". Public names: {", ".join(__all__)}.')
 
 
