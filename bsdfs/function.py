@@ -35,7 +35,7 @@ def of_function(f: Callable, lobe: Material) -> mi.BSDF:
     >>> half.eval(mi.BSDFContext(), si, si.wi).x.numpy().round(4)
     array([0.1592], dtype=float32)
     """
-    from .enhanced import Enhanced  # valid in the active variant only, as every plugin class
+    from mi_enhance.bsdfs.enhanced import Enhanced  # valid in the active variant only, as every plugin class
 
     class Function(Enhanced):
         def _eval(self, si, wo, form, params, folded, active):

@@ -19,7 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
-from . import _llvm
+from .system import llvm
 
 __version__ = "0.1.0"
 
@@ -91,11 +91,11 @@ def _is_command_line() -> bool:
 
 
 try:
-    _llvm.found = _llvm.prepare()
+    llvm.found = llvm.prepare()
 except ImportError as error:
     if not _is_command_line():
         raise
-    _llvm.problem = str(error)
+    llvm.problem = str(error)
 
 import mitsuba as _mi  # noqa: E402  (after the LLVM is chosen)
 

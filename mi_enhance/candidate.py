@@ -20,12 +20,12 @@ import mitsuba as mi
 import numpy as np
 
 from . import alternatives, models, nn, parameters, state
-from .data import _npz
-from .data._io import digest, read_json, replacing
 from .data.training import TrainingSet
 from .enhance import EnhancedBRDF, enhance
 from .imitate import imitate
 from .objective import Objective
+from .system import npz
+from .system.files import digest, read_json, replacing
 from .train import Trainer, first_samples
 
 _JUDGED_AT_ONCE = 1 << 19  # lanes: bounds the memory of a judgement
@@ -165,8 +165,8 @@ def inherit(setup: Setup, folder: Path, stage: int, digits: state.State, parent:
 def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.ndarray]:
     """The BRDF with the weights of a checkpoint, and the parameters of all materials, (M, P)."""
     where = f'search(): "{checkpoint}"'
-    stored = _npz.read(checkpoint, ["weights", "parameters"], where)
-    flat = _npz.numbers(stored, "weights", (max(template.n_weights, 1),), where)  # without networks one float stands in
+    stored = npz.read(checkpoint, ["weights", "parameters"], where)
+    flat = npz.numbers(stored, "weights", (max(template.n_weights, 1),), where)  # without networks one float stands in
     values = stored["parameters"]
     if values.dtype.kind != "f" or values.size % template.n_parameters or not np.isfinite(values).all():
         raise ValueError(f"{where}: the parameters are not those of {template}. Remove this file's folder.")
@@ -210,7 +210,7 @@ def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -
         with replacing(file) as temporary:
             np.savez(temporary, weights=nn.flatten(taught.networks))
     where = f'search(): "{file}"'
-    weights = _npz.numbers(_npz.read(file, ["weights"], where), "weights", (alone.n_weights,), where)
+    weights = npz.numbers(npz.read(file, ["weights"], where), "weights", (alone.n_weights,), where)
     return nn.unflatten(alone.networks, weights)[slot]
 
 

@@ -10,8 +10,9 @@ import argparse
 import json
 import sys
 
-from . import __version__, _llvm
-from ._files import DEFAULT_NETWORK
+from . import __version__
+from .system import llvm
+from .system.bundled_files import DEFAULT_NETWORK
 
 _OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
 
@@ -37,8 +38,8 @@ def main(argv: list[str] | None = None) -> int:
     """
     args = parser().parse_args(argv)
     try:
-        if _llvm.problem and args.command != "doctor":
-            raise ImportError(_llvm.problem)
+        if llvm.problem and args.command != "doctor":
+            raise ImportError(llvm.problem)
         from . import commands
 
         result = getattr(commands, args.command.replace("-", "_"))(args)

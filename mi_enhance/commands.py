@@ -61,7 +61,7 @@ def fit_images(args: argparse.Namespace) -> dict:
     from tqdm import tqdm
 
     from . import inverse, inverse_picture
-    from .data._io import require_file
+    from .system.files import require_file
     from .view_files import read_views
 
     file = require_file(args.scene, f'fit-images "{args.scene}"')
@@ -102,7 +102,7 @@ def fit_images(args: argparse.Namespace) -> dict:
 def render(args: argparse.Namespace) -> dict:
     output = _output(args.output, _IMAGES)
     mi = _set_variant(args.variant)
-    from .data._io import replacing, require_file
+    from .system.files import replacing, require_file
 
     scene = mi.load_file(str(require_file(args.scene, f'render "{args.scene}"')), **dict(args.define))
     spp = args.spp or scene.sensors()[0].sampler().sample_count()
@@ -200,7 +200,7 @@ def convert(args: argparse.Namespace) -> dict:
 
 
 def train(args: argparse.Namespace) -> dict:
-    from .data._io import require_file
+    from .system.files import require_file
 
     where = f'train "{args.config}"'
     try:
@@ -314,8 +314,8 @@ def compare(args: argparse.Namespace) -> dict:
 
 def bench(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
-    from ._files import demo_data
     from .report import COLUMNS, GROWTH_COLUMNS, bench
+    from .system.bundled_files import demo_data
     from .table import print_table
 
     result = bench(
@@ -379,6 +379,6 @@ def _network(name: str):
 
 
 def _network_path(name: str) -> Path:
-    from ._files import network_file
+    from .system.bundled_files import network_file
 
     return Path(name) if name.endswith(".bsdf") else network_file(name)

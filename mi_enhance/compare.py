@@ -15,7 +15,7 @@ import numpy as np
 
 from . import data, metrics, picture
 from . import scene as scenes
-from .data._io import material_name, replacing, require_file
+from .system.files import material_name, replacing, require_file
 from .table import write_table
 
 _WARM_UP_SPP = 1  # compiles the same kernels as any other number

@@ -16,10 +16,10 @@ import numpy as np
 
 from . import rivals
 from .data import Measurements
-from .data._io import replacing
 from .fit import fit
 from .material import Material
 from .specialize import SIZES, specialize
+from .system.files import replacing
 
 REFERENCE = "GGX in Python"
 EXACT = "enhanced, exact"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from ._files import demo_data
 from .compare import compare_file
+from .system.bundled_files import demo_data
 from .table import COLUMNS, print_table, write_table
 
 _MATERIAL = "ilm_solo_m_68_rgb.bsdf"  # blue metallic paint: plain GGX misses the wide base of its highlight

@@ -12,7 +12,8 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
-from . import __version__, _llvm
+from . import __version__
+from .system import llvm
 
 VARIANTS = ("scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral", "cuda_ad_rgb")
 _PACKAGES = ("mitsuba", "drjit", "numpy", "OpenEXR", "colour-science", "scikit-image")
@@ -37,7 +38,7 @@ def examine() -> dict:
         variants = dict(zip(VARIANTS, pool.map(lambda v: _try_in_child(v, "diffuse"), VARIANTS), strict=True))
     best = "cuda_ad_rgb" if variants["cuda_ad_rgb"] == "works" else "llvm_ad_rgb"
     enhanced = _try_in_child(best, "enhanced")
-    found = _llvm.found or _llvm.Found("", None, "none")
+    found = llvm.found or llvm.Found("", None, "none")
     return {
         "versions": {
             "python": platform.python_version(),
@@ -49,7 +50,7 @@ def examine() -> dict:
             "path": found.path,
             "version": ".".join(map(str, found.version)) if found.version else None,
             "origin": found.origin,
-            "problem": _llvm.problem or None,
+            "problem": llvm.problem or None,
         },
         "variants": variants,
         "enhanced": {"variant": best, "result": enhanced},
@@ -88,7 +89,7 @@ def try_variant(variant: str, bsdf: str) -> None:
     import mitsuba as mi
     import numpy as np
 
-    from ._files import network_file
+    from .system.bundled_files import network_file
 
     if variant.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
         raise RuntimeError("no NVIDIA GPU with a working driver")
@@ -113,7 +114,7 @@ def try_variant(variant: str, bsdf: str) -> None:
 
 
 def _try_in_child(variant: str, bsdf: str) -> str:
-    if _llvm.problem:
+    if llvm.problem:
         return "not tried"
     return _in_child(f"from mi_enhance.doctor import try_variant; try_variant({variant!r}, {bsdf!r})")
 

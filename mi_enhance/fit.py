@@ -20,6 +20,7 @@ from .material import Material
 from .mixture import mixture
 from .normalise import normalise, plain
 from .objective import Objective, stacked
+from .system.variants import require_rgb
 
 METHODS = ("lm", "rmsprop")
 
@@ -149,16 +150,6 @@ def _bounded(material: Material, measurements: Measurements) -> Material:
 def _held(reciprocal: bool) -> tuple[str, ...]:
     """Parameters that a fit does not move."""
     return ("asymmetry",) if reciprocal else ()
-
-
-def require_rgb(where: str) -> None:
-    """Raise unless a variant is active in which RGB parameters can be optimised."""
-    variant = mi.variant() or "none"
-    if not variant.endswith("_rgb") or "_ad_" not in variant:
-        raise RuntimeError(
-            f'{where}: needs an RGB variant with gradients; "{variant}" is active. '
-            'Call mi.set_variant("llvm_ad_rgb") first.'
-        )
 
 
 def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, index=slice(None)) -> Objective:

@@ -11,13 +11,13 @@ import numpy as np
 
 from . import inverse_picture, inverse_starts, photographs
 from . import unknowns as unknown_parameters
-from .fit import require_rgb
 from .image_descent import Descent
 from .image_fit import RECENT, ImageFit, result
 from .material import Material
 from .normalise import plain
 from .parameters import Parameter
 from .placed import Placed, find
+from .system.variants import require_rgb
 from .unknowns import Unknown
 from .views import View
 

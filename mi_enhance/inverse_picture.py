@@ -8,10 +8,10 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .data._io import replacing
 from .metrics import encode_srgb
 from .photographs import Target
 from .picture import sheet
+from .system.files import replacing
 from .views import View
 
 _SHOWN = 6  # views in a picture

@@ -12,8 +12,8 @@ import mitsuba as mi
 import numpy as np
 
 from . import nn, parameters
-from .data._io import digest, replacing, require_file
 from .material import Material
+from .system.files import digest, replacing, require_file
 
 FORMAT = 1  # of the files; a reader refuses what is newer
 _KIND = "mi_enhance maps"

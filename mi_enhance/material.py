@@ -12,11 +12,11 @@ import mitsuba as mi
 import numpy as np
 
 from . import alternatives, compact, energy, models, nn, parameters, sampling
-from ._files import DEFAULT_NETWORK, network_file
-from .data import tensor_file
-from .data._io import replacing, require_file
 from .enhance import EnhancedBRDF, enhance
 from .sampling import Mixture
+from .system import tensor_file
+from .system.bundled_files import DEFAULT_NETWORK, network_file
+from .system.files import replacing, require_file
 
 # Of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`; before 3
 # there was no `energy`, which an older reader would not hold, and no `mixture`.

@@ -12,8 +12,8 @@ import drjit as dr
 
 from . import model_file, terms
 from . import parameters as p
-from .data._io import require_file
 from .graph import Node
+from .system.files import require_file
 
 
 def lobes_of_alpha(params: Mapping) -> list[tuple]:

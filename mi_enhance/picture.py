@@ -6,8 +6,8 @@ import contextlib
 
 import numpy as np
 
-from .data._io import replacing
 from .metrics import encode_srgb
+from .system.files import replacing
 
 _TILE_INCHES = 2.2
 _LINE = 0.28  # inches for a line of text above and below the renders

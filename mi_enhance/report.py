@@ -18,9 +18,9 @@ from . import data, scene, timing
 from .bsdfs.function import reflectance
 from .compare import compare
 from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
-from .data._io import material_name, replacing, require_file
 from .data.sampling import sample_pairs
 from .losses import log_l1
+from .system.files import material_name, replacing, require_file
 from .table import write_table
 from .workers import Workers, first_frames
 

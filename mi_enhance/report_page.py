@@ -6,8 +6,8 @@ import base64
 import html
 from pathlib import Path
 
-from .data._io import replacing
 from .picture import sheet
+from .system.files import replacing
 from .table import cells
 
 _ROUNDING = 1e-4  # below this an error is float32: the measured file held against itself

@@ -19,11 +19,11 @@ import numpy as np
 
 from . import candidate, models, state
 from .data import Measurements
-from .data._io import digest, read_json, replacing
 from .data.training import TrainingSet, build, gather
 from .enhance import EnhancedBRDF
 from .features import INPUTS
 from .material import Material
+from .system.files import digest, read_json, replacing
 from .train import Trainer, analytic_start, representative, validate
 
 DEFAULTS = {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from . import state
 from .candidate import Setup, candidate_folder
-from .data._io import read_json
+from .system.files import read_json
 
 
 class Silent:

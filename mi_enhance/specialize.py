@@ -19,10 +19,11 @@ from .compact import Compact
 from .data import Measurements
 from .data.sampling import sample_pairs
 from .enhance import EnhancedBRDF
-from .fit import fit, require_rgb
+from .fit import fit
 from .graph import Node
 from .losses import log_l1
 from .material import Material
+from .system.variants import require_rgb
 
 SHARED = "ggx2_small"  # the network that textured materials get
 _EXACT = "specialize_multiply_adds_exact"

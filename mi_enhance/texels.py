@@ -14,10 +14,11 @@ import numpy as np
 
 from . import parameters, prior, sampling
 from .enhance import EnhancedBRDF
-from .fit import analytic_starts, require_rgb
+from .fit import analytic_starts
 from .maps import MaterialMaps
 from .material import Material
 from .surface import Surface, check
+from .system.variants import require_rgb
 
 _ANCHORS = 32
 _NEAREST = 8  # training materials an anchor starts from, besides its analytic fit

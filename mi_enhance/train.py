@@ -6,9 +6,7 @@ One step sees the same few samples of every material. A fused kernel evaluates a
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import gc
 import json
 import time
 from collections.abc import Callable
@@ -20,8 +18,6 @@ import numpy as np
 from drjit.opt import Adam
 
 from . import levenberg, nn, parameters
-from .data import _npz
-from .data._io import read_json, replacing
 from .data.training import TrainingSet, build
 from .enhance import EnhancedBRDF, enhance
 from .fit import fit_analytic
@@ -29,6 +25,9 @@ from .imitate import imitate
 from .material import Material
 from .objective import Objective
 from .picture import draw_curve
+from .system import npz
+from .system.files import read_json, replacing
+from .system.garbage_collection import _no_collection
 
 DEFAULTS = {
     "model": "ggx",
@@ -180,12 +179,12 @@ class Trainer:
         """Go on from a checkpoint, to the bit; a ValueError if it is damaged or another network's."""
         where, keys = f'checkpoint "{path}"', ("weights", "parameters")
         names = [f"{key}{suffix}" for key in keys for suffix in ("", "_t", "_m", "_v")]
-        stored = _npz.read(path, ["step", "start", *names], where)
-        self.step, self._start = int(_npz.numbers(stored, "step", (), where)), stored["start"]
+        stored = npz.read(path, ["step", "start", *names], where)
+        self.step, self._start = int(npz.numbers(stored, "step", (), where)), stored["start"]
         for key in keys:
             n = (len(self.optimizer[key]),)
             self.optimizer[key], m, v = (
-                mi.Float(_npz.numbers(stored, f"{key}{suffix}", n, where)) for suffix in ("", "_m", "_v")
+                mi.Float(npz.numbers(stored, f"{key}{suffix}", n, where)) for suffix in ("", "_m", "_v")
             )
             value, promoted, rate, _ = self.optimizer.state[key]
             self.optimizer.state[key] = value, promoted, rate, (mi.UInt32(stored[f"{key}_t"]), m, v, None)
@@ -309,22 +308,6 @@ def _curve(folder: Path) -> list[dict]:
     return read_json(file, "train()", ("step", "loss", "seconds"), lines=True) if file.exists() else []
 
 
-@contextlib.contextmanager
-def _no_collection():
-    """Keep Python's garbage collector from freeing the frozen step of an earlier trainer while Dr.Jit records another.
-
-    It is part of a reference cycle inside Dr.Jit, so only the collector frees it; during a recording that aborts
-    the process.
-    """
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
-
-
 def analytic_start(brdf: EnhancedBRDF, samples: TrainingSet, cache: Path | None = None) -> np.ndarray:
     """Where the materials start: the best fit of the analytic model, latent numbers at their initial value.
 
@@ -333,7 +316,7 @@ def analytic_start(brdf: EnhancedBRDF, samples: TrainingSet, cache: Path | None 
     n = min(_START_SAMPLES, samples.n_samples)
     if cache and cache.exists():
         where, shape = f'analytic fits "{cache}"', (len(samples.names), parameters.count(brdf.model.parameters))
-        analytic = _npz.numbers(_npz.read(cache, ["analytic"], where), "analytic", shape, where).astype(np.float64)
+        analytic = npz.numbers(npz.read(cache, ["analytic"], where), "analytic", shape, where).astype(np.float64)
     else:
         analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *first_samples(samples, n), n)
     if cache and not cache.exists():

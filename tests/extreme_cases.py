@@ -17,9 +17,9 @@ import twin
 import twin_networks
 
 from mi_enhance import geometry, models, nn, parameters
-from mi_enhance._files import network_file
 from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
+from mi_enhance.system.bundled_files import network_file
 
 DARK = 1e-6  # 1/sr: errors count relative to f, or to this where f is darker
 FLAT = 1e-5  # the same for derivatives of the loss: that of a network in front of a black colour is next to nothing

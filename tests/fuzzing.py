@@ -13,11 +13,12 @@ import numpy as np
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import candidate, data, models
-from mi_enhance.data import _io, merl, nps
+from mi_enhance.data import merl, nps
 from mi_enhance.data.training import TrainingSet, jobs_of, sources_of
 from mi_enhance.enhance import EnhancedBRDF, enhance
 from mi_enhance.maps import MaterialMaps
 from mi_enhance.material import Material
+from mi_enhance.system import files
 
 ROOT = Path(__file__).resolve().parents[1]
 # Numbers that headers trip over: sizes, signs, ends of ranges, NaN and infinity.
@@ -187,7 +188,7 @@ READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
     "search log": (
         "x.jsonl",
         lambda p: p.write_text('{"stage": 1, "best": [0, 1]}\n{"stage": 2, "best": [1, 1]}\n'),
-        lambda p: _io.read_json(p, "search()", ("stage", "best"), lines=True),
+        lambda p: files.read_json(p, "search()", ("stage", "best"), lines=True),
     ),
 }
 _ARRAYS = ("params", "weights")

@@ -10,8 +10,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance import _files, _llvm, commands, doctor
+from mi_enhance import commands, doctor
 from mi_enhance.cli import main
+from mi_enhance.system import bundled_files, llvm
 
 SCENE = """<scene version="3.0.0">
     <default name="width" value="12"/>
@@ -157,7 +158,7 @@ def test_malformed_option_is_explained(capsys, arguments, message):
 
 def test_convert_writes_a_table_that_can_be_read_again(tmp_path, capsys):
     output = tmp_path / "orange.npz"
-    source = str(_files.demo_data("chm_orange_rgb.bsdf"))
+    source = str(bundled_files.demo_data("chm_orange_rgb.bsdf"))
     assert main(["convert", source, "-o", str(output), "--samples", "2e2", "--json"]) == 0
     assert last_json(capsys)["n_samples"] == 200
     assert main(["convert", str(output), "-o", str(tmp_path / "again.csv"), "--json"]) == 0
@@ -191,7 +192,7 @@ def test_doctor_survives_what_it_tries(code, result):
 
 
 def test_missing_llvm_stops_every_command_but_doctor(monkeypatch, capsys):
-    monkeypatch.setattr(_llvm, "problem", "mi_enhance: Dr.Jit needs LLVM 17 or newer and found none. Run: it.")
+    monkeypatch.setattr(llvm, "problem", "mi_enhance: Dr.Jit needs LLVM 17 or newer and found none. Run: it.")
     assert main(["show", "gold.bsdf"]) == 2
     assert capsys.readouterr().err == "mi-enhance: Dr.Jit needs LLVM 17 or newer and found none. Run: it.\n"
     assert main(["doctor"]) == 1

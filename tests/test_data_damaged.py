@@ -18,7 +18,8 @@ import mi_enhance  # noqa: F401  (before mitsuba: it chooses the LLVM)
 
 import mitsuba as mi  # isort: skip
 from mi_enhance import data
-from mi_enhance.data import _npz, merl, tensor_file
+from mi_enhance.data import merl
+from mi_enhance.system import npz, tensor_file
 
 RGL = Path("data/rgl/ilm_solo_m_68_rgb.bsdf")
 
@@ -243,7 +244,7 @@ def test_npz_contents_are_checked(tmp_path, f, message):
 
 def test_npz_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
     npz_with(tmp_path / "t.npz", wi=ROWS, wo=ROWS, f=ROWS + bytes(2000))
-    monkeypatch.setattr(_npz, "_MAX_BYTES", 1000)
+    monkeypatch.setattr(npz, "_MAX_BYTES", 1000)
     with pytest.raises(ValueError, match="bytes, more than the 1000 allowed"):
         data.load(tmp_path / "t.npz")
 

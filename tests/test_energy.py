@@ -9,9 +9,9 @@ import pytest
 from plugin_scenes import ball, bitmap, directions, evaluate
 
 from mi_enhance import energy
-from mi_enhance._files import network_file
 from mi_enhance.check import ALBEDO, RECIPROCITY, albedo
 from mi_enhance.material import Material
+from mi_enhance.system.bundled_files import network_file
 
 BRIGHT = {"rho_d": 1.0, "rho_s": 1.0}
 COSINES = np.array([1, 0.97, 0.8, 0.6, 0.45, 0.3, 0.2, 0.12, 0.07, 0.04, 0.02, 0.008, 0.003, 1e-3, 1e-4, 1e-6])

@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mi_enhance import data
-from mi_enhance.data import _io
+from mi_enhance.system import files
 
 SMALL = [reader for reader in fuzzing.READERS if reader not in ("MERL", "RGL", "NPs decoder")]
 anything = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -104,12 +104,13 @@ import fuzzing
 import mitsuba as mi
 import numpy as np
 from mi_enhance import data, picture
-from mi_enhance.data import _io, merl
+from mi_enhance.data import merl
+from mi_enhance.system import files
 from mi_enhance.data.training import TrainingSet
 mi.set_variant("llvm_ad_rgb")
 path, time = Path(sys.argv[1]), clock()
 def save_image(path):
-    with _io.replacing(path) as temporary:
+    with files.replacing(path) as temporary:
         mi.Bitmap(np.random.rand(64, 64, 3).astype("f")).write(temporary)
 """
 
@@ -164,7 +165,7 @@ def test_a_kill_while_writing_leaves_a_whole_file(llvm, tmp_path):
 def test_an_interrupted_write_takes_its_half_file_away(tmp_path):
     path = tmp_path / "x.txt"
     path.write_text("old")
-    with pytest.raises(KeyboardInterrupt), _io.replacing(path) as temporary:
+    with pytest.raises(KeyboardInterrupt), files.replacing(path) as temporary:
         Path(temporary).write_text("half")
         raise KeyboardInterrupt
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["x.txt"]
@@ -183,4 +184,4 @@ def test_a_damaged_log_of_a_run_is_refused(tmp_path):
     ):
         path.write_text(content)
         with pytest.raises(ValueError, match=message):
-            _io.read_json(path, "test", ("step", "loss"), lines=True)
+            files.read_json(path, "test", ("step", "loss"), lines=True)

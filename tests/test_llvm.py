@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import pytest
 
-from mi_enhance import _llvm
+from mi_enhance.system import llvm
 
 # Any kernel with a minimum makes LLVM 15 and 16 end the process.
 USE = "import mitsuba as mi, drjit as dr; mi.set_variant('llvm_ad_rgb'); print(dr.minimum(mi.Float([1, 5]), 2))"
@@ -20,8 +20,8 @@ needs_no_gpu = pytest.mark.skipif(not no_gpu(), reason="with a GPU a missing LLV
 
 def old_llvm():
     """An LLVM of this machine that Dr.Jit loads and then dies of."""
-    versions = {p: _llvm._version(p) for p in _llvm._in_system()}
-    return next((p for p, v in versions.items() if v and 15 <= v[0] < _llvm.OLDEST), None)
+    versions = {p: llvm._version(p) for p in llvm._in_system()}
+    return next((p for p, v in versions.items() if v and 15 <= v[0] < llvm.OLDEST), None)
 
 
 @pytest.mark.parametrize(
@@ -35,23 +35,23 @@ def old_llvm():
     ],
 )
 def test_version_is_read_from_the_file_name(path, version):
-    assert _llvm._version(path) == version
+    assert llvm._version(path) == version
 
 
 def test_version_of_a_nameless_library_is_asked_of_the_library(tmp_path):
-    library = _llvm.found.path
+    library = llvm.found.path
     if not library:
         pytest.skip("mitsuba was loaded before mi_enhance: no path is known")
     # The copy must lie beside the original, because it looks there for the libraries it needs itself.
     link = tmp_path / "renamed.so"
     link.symlink_to(library)
-    assert _llvm._version(str(link))[0] == _llvm.found.version[0]
+    assert llvm._version(str(link))[0] == llvm.found.version[0]
 
 
 def test_version_of_another_library_is_unknown(tmp_path):
     other = tmp_path / "libLLVM.so"
     other.write_bytes(b"not a library")
-    assert _llvm._version(str(other)) is None
+    assert llvm._version(str(other)) is None
 
 
 @pytest.mark.parametrize(
@@ -66,25 +66,25 @@ def test_version_of_another_library_is_unknown(tmp_path):
 def test_own_setting_that_cannot_work_is_refused(tmp_path, monkeypatch, name, message):
     if "/" not in name:
         (tmp_path / name).write_bytes(b"not a library")
-    monkeypatch.setenv(_llvm.VARIABLE, str(tmp_path / name))
+    monkeypatch.setenv(llvm.VARIABLE, str(tmp_path / name))
     with pytest.raises(ImportError, match=message):
-        _llvm._choose()
+        llvm._choose()
 
 
 def test_choice_is_own_then_wheel_then_newest_of_the_system(tmp_path, monkeypatch):
     own = tmp_path / "libLLVM-20.so"
     own.touch()
-    monkeypatch.setattr(_llvm, "_in_wheel", lambda: "/wheel/libLLVM.so.23.1")
+    monkeypatch.setattr(llvm, "_in_wheel", lambda: "/wheel/libLLVM.so.23.1")
     system = {"/usr/lib/libLLVM-15.so.1", "/usr/lib/libLLVM.so.18.1", "/usr/lib/libLLVM.so.19.1"}
-    monkeypatch.setattr(_llvm, "_in_system", lambda: system)
-    monkeypatch.setenv(_llvm.VARIABLE, str(own))
-    assert _llvm._choose().path == str(own)
-    monkeypatch.delenv(_llvm.VARIABLE)
-    assert _llvm._choose().path == "/wheel/libLLVM.so.23.1"
-    monkeypatch.setattr(_llvm, "_in_wheel", lambda: None)
-    assert _llvm._choose().path == "/usr/lib/libLLVM.so.19.1"
+    monkeypatch.setattr(llvm, "_in_system", lambda: system)
+    monkeypatch.setenv(llvm.VARIABLE, str(own))
+    assert llvm._choose().path == str(own)
+    monkeypatch.delenv(llvm.VARIABLE)
+    assert llvm._choose().path == "/wheel/libLLVM.so.23.1"
+    monkeypatch.setattr(llvm, "_in_wheel", lambda: None)
+    assert llvm._choose().path == "/usr/lib/libLLVM.so.19.1"
     system -= {"/usr/lib/libLLVM.so.18.1", "/usr/lib/libLLVM.so.19.1"}
-    assert _llvm._choose().path == ""
+    assert llvm._choose().path == ""
 
 
 def test_import_of_mi_enhance_first_makes_llvm_usable(run_child):
@@ -121,5 +121,5 @@ def test_import_without_any_llvm_names_the_command(run_child):
     assert child.returncode == 1
     assert (
         f"loaded no LLVM (Dr.Jit needs 17 or newer). Start Python again and import mi_enhance before them, after: "
-        f"{_llvm.install_command()}." in child.stderr
+        f"{llvm.install_command()}." in child.stderr
     )

@@ -13,10 +13,10 @@ import twin
 import twin_networks
 
 from mi_enhance import nn
-from mi_enhance._files import demo_data
-from mi_enhance.data import tensor_file
 from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
+from mi_enhance.system import tensor_file
+from mi_enhance.system.bundled_files import demo_data
 
 EQUATION = "M + S * D * [F] [*] [G] * [1/E]"
 TWO_LOBES = {"model": "ggx2", "replace": ("B", "G", "G2"), "inputs": "shape", "modulated": True, "n_latent": 6}

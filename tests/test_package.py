@@ -8,7 +8,7 @@ import mitsuba as mi
 import pytest
 
 import mi_enhance
-from mi_enhance import _files
+from mi_enhance.system import bundled_files
 
 
 @pytest.mark.parametrize("name", ["enhance", "fit", "train", "compare", "specialize"])
@@ -36,7 +36,7 @@ def test_plugin_follows_the_variant_whatever_the_order_of_import(run_child, orde
         "mitsuba first": "import mitsuba as mi; mi.set_variant('llvm_ad_mono'); import mi_enhance",
     }[order]
     code = f"""{first}
-material = {{"type": "enhanced", "filename": {str(_files.network_file("ggx"))!r}}}
+material = {{"type": "enhanced", "filename": {str(bundled_files.network_file("ggx"))!r}}}
 if mi.variant(): mi.load_dict(material)
 for variant in ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral", "llvm_ad_rgb"):
     mi.set_variant(variant)
@@ -45,7 +45,7 @@ for variant in ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral", "llvm_ad_rgb"):
     except RuntimeError as error:
         print(variant, str(error).splitlines()[-1])
 """
-    child = run_child(code, DRJIT_LIBLLVM_PATH=mi_enhance._llvm.found.path)
+    child = run_child(code, DRJIT_LIBLLVM_PATH=mi_enhance.system.llvm.found.path)
     assert child.returncode == 0, child.stderr
     lines = child.stdout.splitlines()
     assert [line.split()[0] for line in lines] == ["llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral", "llvm_ad_rgb"]
@@ -54,7 +54,7 @@ for variant in ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_spectral", "llvm_ad_rgb"):
 
 
 def test_many_materials_load_in_parallel(llvm):
-    name = _files.network_file("ggx")
+    name = bundled_files.network_file("ggx")
     shapes = "".join(
         f'<shape type="sphere"><bsdf type="enhanced"><string name="filename" value="{name}"/></bsdf></shape>'
         for _ in range(20)
@@ -75,7 +75,7 @@ print(sorted(heavy & {name.partition(".")[0] for name in sys.modules}))
     assert (child.returncode, child.stdout.strip()) == (0, "[]"), child.stderr
 
 
-@pytest.mark.parametrize("find", [_files.scene_file, _files.demo_data, _files.network_file])
+@pytest.mark.parametrize("find", [bundled_files.scene_file, bundled_files.demo_data, bundled_files.network_file])
 def test_missing_bundled_file_lists_those_there_are(find):
     with pytest.raises(
         FileNotFoundError, match=r'"gold\S*" does not come with mi_enhance. Choose one of: .+\.(xml|bsdf)'
@@ -85,12 +85,13 @@ def test_missing_bundled_file_lists_those_there_are(find):
 
 def test_rendering_imports_nothing_but_what_it_needs(run_child):
     """Neither fitting, training and specialising, nor plotting and metrics."""
+    network = str(bundled_files.network_file("ggx"))
     code = f"""import mi_enhance, mitsuba as mi, sys
 mi.set_variant("llvm_ad_rgb")
-ball = mi.load_dict({{"type": "sphere", "b": {{"type": "enhanced", "filename": {str(_files.network_file("ggx"))!r}}}}})
+ball = mi.load_dict({{"type": "sphere", "b": {{"type": "enhanced", "filename": {network!r}}}}})
 ours = {{"fit", "train", "search", "specialize", "distil", "objective", "compare", "metrics", "picture"}}
 others = {{"matplotlib", "skimage", "colour", "rich", "tqdm", "scipy", "OpenEXR"}}
 print(sorted({{m for m in ours if "mi_enhance." + m in sys.modules}} | others & set(sys.modules)))
 """
-    child = run_child(code, DRJIT_LIBLLVM_PATH=mi_enhance._llvm.found.path)
+    child = run_child(code, DRJIT_LIBLLVM_PATH=mi_enhance.system.llvm.found.path)
     assert child.stdout.strip() == "[]", child.stderr + child.stdout

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from plugin_scenes import SUMMATION, VALUES, ball, close, directions, evaluate, hit, material, scene, vectors
 
-from mi_enhance import _files
 from mi_enhance.material import Material
+from mi_enhance.system import bundled_files
 
 N = 2000
 RGB = {"type": "rgb", "value": [0.7, 0.5, 0.2]}
@@ -100,7 +100,7 @@ def test_given_values_replace_those_of_the_file(llvm, tmp_path):
 
 
 def test_shipped_network_renders(llvm):
-    name = str(_files.network_file("ggx"))
+    name = str(bundled_files.network_file("ggx"))
     image = np.array(mi.render(ball({"type": "enhanced", "filename": name})))
     assert np.isfinite(image).all()
     close(image, np.array(mi.render(ball(Material.network("ggx").bsdf()))), SUMMATION)
@@ -167,6 +167,6 @@ def test_spectrum_as_a_number_is_refused_and_as_a_colour_is_not(llvm, tmp_path):
 )
 def test_bad_file_is_refused(llvm, source, message):
     if source == "measured":
-        source = str(_files.demo_data("satin_rosaline_rgb.bsdf"))
+        source = str(bundled_files.demo_data("satin_rosaline_rgb.bsdf"))
     with pytest.raises(RuntimeError, match=message):
         mi.load_dict({"type": "enhanced", **({"filename": source} if source else {})})

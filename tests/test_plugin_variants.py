@@ -98,7 +98,7 @@ if __name__ == "__main__":
         jobs = [pool.submit(try_variant, v, "enhanced") for v in ("llvm_ad_rgb", "llvm_ad_mono")]
         print([job.result() for job in jobs])
 """,
-        DRJIT_LIBLLVM_PATH=mi_enhance._llvm.found.path,
+        DRJIT_LIBLLVM_PATH=mi_enhance.system.llvm.found.path,
     )
     assert child.stdout.strip().endswith("[None, None]"), child.stderr
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from mi_enhance import scene, table
-from mi_enhance._files import scene_file
 from mi_enhance.compare import compare, compare_files
+from mi_enhance.system.bundled_files import scene_file
 
 SCENES = ("shader_ball", "sphere_envmap")
 GREY = {"type": "diffuse", "reflectance": 0.5}

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import _io, _npz, tensor_file
+from ..system import files
+from ..system import npz
+from ..system import tensor_file
 
 __all__ = ["KINDS", "Measurements", "clamp_negative", "load", "names", "save_table"]
 
@@ -138,7 +140,7 @@ def load(path, *, n_samples=100_000, seed=0, material=None, kind=None):
     ('blue-acrylic', 1000)
     """
     where = f'data.load("{path}")'
-    path = _io.require_file(path, where)
+    path = files.require_file(path, where)
     if isinstance(n_samples, bool) or not isinstance(n_samples, (int, np.integer)) or n_samples < 1:
         raise ValueError(f"{where}: n_samples is {n_samples!r}; it must be a whole number >= 1.")
     kind = _kind(path, where) if kind is None else kind
@@ -164,11 +166,11 @@ def names(path):
     ['bindercover', 'bluebook', 'cardboard']
     """
     where = f'data.names("{path}")'
-    path = _io.require_file(path, where)
+    path = files.require_file(path, where)
     kind = _kind(path, where)
     if kind in _COLLECTIONS:
         return importlib.import_module(f".{kind}", __name__).names(path)
-    return [_io.material_name(path)]
+    return [files.material_name(path)]
 
 
 def save_table(measurements, path):
@@ -205,7 +207,7 @@ def _kind(path, where):
 
 def _npz_kind(path, where):
     """Tell the three kinds of .npz apart by the arrays they hold."""
-    keys = _npz.keys(path, where)
+    keys = npz.keys(path, where)
     if {"names", "W1", "W2", "W3"} <= keys:
         return "nbrdf"
     if {"names", "mean"} <= keys:

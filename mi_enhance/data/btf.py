@@ -11,7 +11,7 @@ import zipfile
 import numpy as np
 from tqdm import tqdm
 
-from ._io import require_file
+from ..system.files import require_file
 
 _MIN_COS = 0.01  # as for all sources: beyond, f is mostly noise
 

@@ -13,8 +13,8 @@ import os
 
 import numpy as np
 
+from ..system.files import material_name, replacing, require_file
 from . import Measurements, clamp_negative
-from ._io import material_name, replacing, require_file
 from .sampling import half_difference, rusinkiewicz_to_directions, sample_pairs
 
 _SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d; the last varies fastest

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import Measurements, _npz, clamp_negative
+from ..system import npz
+from . import Measurements, clamp_negative
 from .sampling import half_difference, sample_pairs
 
 _BLOCK = 1 << 16  # samples at a time: 6 MB per layer, which stays in the cache
@@ -13,7 +14,7 @@ _BLOCK = 1 << 16  # samples at a time: 6 MB per layer, which stays in the cache
 def names(path):
     """List the materials in the file."""
     where = f'data.load("{path}")'
-    return _npz.words(_npz.read(path, ["names"], where), "names", where)
+    return npz.words(npz.read(path, ["names"], where), "names", where)
 
 
 def read_networks(path):
@@ -35,11 +36,11 @@ def read_networks(path):
         If an array is missing, of another shape, or not finite.
     """
     where = f'data.load("{path}")'
-    arrays = _npz.read(path, ["names", "W1", "b1", "W2", "b2", "W3", "b3"], where)
-    materials = _npz.words(arrays, "names", where)
+    arrays = npz.read(path, ["names", "W1", "b1", "W2", "b2", "W3", "b3"], where)
+    materials = npz.words(arrays, "names", where)
     m, h = len(materials), arrays["b1"].shape[-1] if arrays["b1"].ndim else 0
     shapes = {"W1": (m, 6, h), "b1": (m, h), "W2": (m, h, h), "b2": (m, h), "W3": (m, h, 3), "b3": (m, 3)}
-    return materials, {k: _npz.numbers(arrays, k, shape, where) for k, shape in shapes.items()}
+    return materials, {k: npz.numbers(arrays, k, shape, where) for k, shape in shapes.items()}
 
 
 def decode(network, wi, wo):

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from . import Measurements, _npz, clamp_negative
-from ._io import require_file
+from ..system import npz
+from ..system.files import require_file
+from . import Measurements, clamp_negative
 from .sampling import half_difference, sample_pairs
 
 _BLOCK = 1 << 13  # samples at a time: 13 MB per layer
@@ -37,9 +38,9 @@ def read_latents(path):
     latents : array (M, 7), float32
     """
     where = f'data.load("{path}")'
-    arrays = _npz.read(path, ["names", "mean"], where)
-    materials = _npz.words(arrays, "names", where)
-    return materials, _npz.numbers(arrays, "mean", (len(materials), _N_LATENT), where)
+    arrays = npz.read(path, ["names", "mean"], where)
+    materials = npz.words(arrays, "names", where)
+    return materials, npz.numbers(arrays, "mean", (len(materials), _N_LATENT), where)
 
 
 def read_decoder(path):
@@ -57,12 +58,12 @@ def read_decoder(path):
     """
     where = f'data.load("{path}")'
     path = require_file(path, where)
-    arrays = _npz.read(path, [f"{k}{i}" for i in _LAYERS for k in "Wb"], where)
+    arrays = npz.read(path, [f"{k}{i}" for i in _LAYERS for k in "Wb"], where)
     sizes = [4 + _N_LATENT, *[arrays["W1"].shape[-1] if arrays["W1"].ndim else 0] * 6, 3]
     shapes = {}
     for i in _LAYERS:
         shapes |= {f"W{i}": (sizes[i - 1], sizes[i]), f"b{i}": (sizes[i],)}
-    return {k: _npz.numbers(arrays, k, shape, where) for k, shape in shapes.items()}
+    return {k: npz.numbers(arrays, k, shape, where) for k, shape in shapes.items()}
 
 
 def decode(decoder, latent, wi, wo, *, with_cosine=False):

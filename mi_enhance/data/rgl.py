@@ -11,8 +11,9 @@ import json
 import mitsuba as mi
 import numpy as np
 
-from . import Measurements, clamp_negative, tensor_file
-from ._io import material_name, require_file
+from ..system import tensor_file
+from ..system.files import material_name, require_file
+from . import Measurements, clamp_negative
 from .sampling import sample_pairs
 
 # the fields `measured` reads: type and number of dimensions

@@ -19,8 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from . import Measurements, _npz, clamp_negative
-from ._io import material_name, replacing, require_file
+from ..system import npz
+from ..system.files import material_name, replacing, require_file
+from . import Measurements, clamp_negative
 
 _VECTORS = ("wi_x", "wi_y", "wi_z", "wo_x", "wo_y", "wo_z")
 _ANGLES = ("theta_i", "phi_i", "theta_o", "phi_o")
@@ -120,7 +121,7 @@ def _read_csv(path, where):
 
 def _read_npz(path, where):
     """wi, wo, f in float64 out of an NPZ."""
-    arrays = _npz.read(path, ["wi", "wo", "f"], where)
+    arrays = npz.read(path, ["wi", "wo", "f"], where)
     for k, a in arrays.items():
         if a.dtype.kind not in "fiu" or a.ndim != 2 or a.shape[1] != 3 or a.shape != arrays["f"].shape or len(a) == 0:
             raise ValueError(

@@ -25,8 +25,9 @@ from pathlib import Path
 
 import numpy as np
 
-from . import Measurements, _npz, load, names, nbrdf, nps
-from ._io import digest, replacing, require_file
+from ..system import npz
+from ..system.files import digest, replacing, require_file
+from . import Measurements, load, names, nbrdf, nps
 from .assorted import assorted, warp
 from .sampling import cosine_hemisphere, sample_pairs
 from .synthetic import ggx_anisotropic, two_lobes
@@ -89,11 +90,11 @@ class TrainingSet:
             If the file is damaged.
         """
         where = f'training set "{path}"'
-        stored = _npz.read(path, ["names", "kinds", "samples"], where)
-        names, kinds = (_npz.words(stored, key, where) for key in ("names", "kinds"))
+        stored = npz.read(path, ["names", "kinds", "samples"], where)
+        names, kinds = (npz.words(stored, key, where) for key in ("names", "kinds"))
         shape = stored["samples"].shape
         n = shape[-1] // len(names) if shape else 0
-        samples = _npz.numbers(stored, "samples", (9, n * len(names)), where)
+        samples = npz.numbers(stored, "samples", (9, n * len(names)), where)
         if n == 0 or len(kinds) != len(names):
             raise ValueError(f"{where}: {len(names)} names, {len(kinds)} kinds, samples {shape}. Remove the file.")
         return TrainingSet(names, kinds, samples, n)

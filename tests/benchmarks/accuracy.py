@@ -32,8 +32,8 @@ import tabulated
 from common import averaged, finish
 
 from mi_enhance import data, metrics, picture, scene
-from mi_enhance.data._io import material_name, replacing
 from mi_enhance.losses import log_l1
+from mi_enhance.system.files import material_name, replacing
 from mi_enhance.table import print_table, write_table
 from mi_enhance.timing import machine
 

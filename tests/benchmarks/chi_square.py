@@ -17,10 +17,10 @@ import numpy as np
 from common import finish, shipped
 
 from mi_enhance import data, fit
-from mi_enhance.data._io import material_name
 from mi_enhance.density import chi_square
 from mi_enhance.material import Material
 from mi_enhance.mixture import mixture
+from mi_enhance.system.files import material_name
 from mi_enhance.timing import machine
 
 _DEGREES = (0, 30, 60, 75, 85, 89)

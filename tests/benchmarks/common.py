@@ -13,7 +13,7 @@ def folder_name(label: str) -> str:
 def shipped() -> dict:
     """Materials with the parameters that every analytic model and network of the package starts from."""
     from mi_enhance import Material, models
-    from mi_enhance._files import network_file
+    from mi_enhance.system.bundled_files import network_file
 
     result = {name: Material.analytic(name) for name in sorted(models.MODELS)}
     networks = sorted(network_file("ggx").parent.glob("*.bsdf"))

@@ -27,9 +27,9 @@ from common import finish
 
 from mi_enhance import data
 from mi_enhance.data import rgl, synthetic
-from mi_enhance.data._io import material_name
 from mi_enhance.data.sampling import rusinkiewicz_to_directions
 from mi_enhance.losses import log_l1
+from mi_enhance.system.files import material_name
 from mi_enhance.table import print_table, write_table
 from mi_enhance.timing import machine
 

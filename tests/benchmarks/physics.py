@@ -22,9 +22,9 @@ from common import averaged, finish, shipped
 
 from mi_enhance import data, fit, parameters
 from mi_enhance.check import albedo
-from mi_enhance.data._io import replacing
 from mi_enhance.material import Material
 from mi_enhance.picture import sheet
+from mi_enhance.system.files import replacing
 from mi_enhance.timing import clock, interleaved, machine, spread
 
 _COLUMNS = {

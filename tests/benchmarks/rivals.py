@@ -22,9 +22,9 @@ import numpy as np
 
 from mi_enhance import Material, fit, models, nn
 from mi_enhance import rivals as models_of_others
-from mi_enhance._files import network_file
 from mi_enhance.data import Measurements, nbrdf, nps
-from mi_enhance.data._io import replacing
+from mi_enhance.system.bundled_files import network_file
+from mi_enhance.system.files import replacing
 
 REFERENCE = "ggx"  # all ratios are to this one
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def _find(installed: str, checkout: str, name: str, what: str) -> Path:
@@ -39,7 +39,7 @@ def scene_file(name: str) -> Path:
 
     Examples
     --------
-    >>> from mi_enhance._files import scene_file
+    >>> from mi_enhance.system.bundled_files import scene_file
     >>> scene_file("shader_ball.xml").name
     'shader_ball.xml'
     """
@@ -61,7 +61,7 @@ def demo_data(name: str) -> Path:
 
     Examples
     --------
-    >>> from mi_enhance._files import demo_data
+    >>> from mi_enhance.system.bundled_files import demo_data
     >>> demo_data("satin_rosaline_rgb.bsdf").name
     'satin_rosaline_rgb.bsdf'
     """

@@ -1,0 +1,22 @@
+"""Garbage collection while Dr.Jit records."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+
+
+@contextlib.contextmanager
+def _no_collection():
+    """Keep Python's garbage collector from freeing the frozen step of an earlier trainer while Dr.Jit records another.
+
+    It is part of a reference cycle inside Dr.Jit, so only the collector frees it; during a recording that aborts
+    the process.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
