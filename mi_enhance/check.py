@@ -9,9 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import geometry, sampling
+from . import geometry
 from .density import SIGNIFICANCE, chi_square
 from .material import Material
+from .numerics import sequences
 
 RECIPROCITY = 1e-6  # relative: float32 knows no more of a product of a dozen factors
 ALBEDO = 1 + 1e-4
@@ -237,7 +238,7 @@ def albedo(
     """
     wi = _direction(np.asarray(cosines)[:, None], phi).reshape(-1, 3)
     lanes = len(wi) * n
-    u = sampling.even_numbers(lanes, dr.arange(mi.UInt32, lanes) % n + first)
+    u = sequences.even_numbers(lanes, dr.arange(mi.UInt32, lanes) % n + first)
     si = dr.zeros(mi.SurfaceInteraction3f, lanes)
     si.wi = dr.repeat(_vectors(wi), n)
     bs, weight = _sample(bsdf, si, u)

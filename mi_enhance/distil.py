@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from . import levenberg
 from .nn import SLOPE
+from .numerics import levenberg_marquardt
 
 Layers = Sequence[tuple[np.ndarray, np.ndarray]]
 
@@ -111,7 +111,7 @@ def train(layers: Layers, x: np.ndarray, residuals: Callable, *, steps: int) -> 
 
     u = np.concatenate([v.ravel() for layer in layers for v in layer])[None]
     free = np.full(u.shape[1], np.inf)
-    u, best = levenberg.minimize(loss, normal_equations, u, -free, free, steps=steps, tolerance=3e-3)
+    u, best = levenberg_marquardt.minimize(loss, normal_equations, u, -free, free, steps=steps, tolerance=3e-3)
     return _unflatten(u[0], shapes), float(best[0])
 
 

@@ -17,6 +17,7 @@ import mitsuba as mi
 
 from . import geometry, nn, sampling
 from .enhance import EnhancedBRDF
+from .numerics import sequences
 
 # Evenly spaced in the fourth root of the cosine: the albedo changes most in the last degrees. Node 1 is at 2e-7; node 5
 # at geometry.MIN_COS, where terms have a kink and the albedo of some a peak.
@@ -98,7 +99,7 @@ def _reflected(brdf: EnhancedBRDF, params: Mapping, shares: list) -> tuple[mi.Fl
     """Cosines of drawn directions and f cos / pdf there, views of one azimuth after those of another, node by node."""
     n = _NODES * _AZIMUTHS * _SAMPLES
     k = dr.arange(mi.UInt32, n)
-    u = sampling.even_numbers(n, k % _SAMPLES)
+    u = sequences.even_numbers(n, k % _SAMPLES)
     view = k // _SAMPLES
     # 1e-7: node 0 is the horizon itself
     cos = dr.maximum(dr.square(dr.square(mi.Float(view // _AZIMUTHS) / (_NODES - 1))), 1e-7)

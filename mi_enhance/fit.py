@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import levenberg, parameters, prior, sampling
+from . import parameters, prior, sampling
 from .data import Measurements
 from .determined import determined
 from .enhance import EnhancedBRDF
@@ -19,6 +19,7 @@ from .losses import log_l1
 from .material import Material
 from .mixture import mixture
 from .normalise import normalise, plain
+from .numerics import levenberg_marquardt
 from .objective import Objective, stacked
 from .system.variants import require_rgb
 
@@ -190,7 +191,7 @@ def _lm(
             u = u[np.argsort(losses)[:survivors]]
         problem = objective(brdf, measurements, len(u), order[:used])
         loss, normal_equations = known.added(problem) if known else (problem.loss, problem.normal_equations)
-        u, losses = levenberg.minimize(
+        u, losses = levenberg_marquardt.minimize(
             loss,
             normal_equations,
             u,
@@ -276,7 +277,9 @@ def fit_analytic(brdf: EnhancedBRDF, wi, wo, f, n: int) -> np.ndarray:
     space, best = problem.space, None
     for row in analytic_starts(brdf):
         u = np.tile(space.to(row), (problem.n_problems, 1))
-        u, loss = levenberg.minimize(problem.loss, problem.normal_equations, u, space.low, space.high, steps=30)
+        u, loss = levenberg_marquardt.minimize(
+            problem.loss, problem.normal_equations, u, space.low, space.high, steps=30
+        )
         if best is None:
             best = u, loss
         better = loss < best[1]

@@ -13,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import nn, sampling
+from .numerics import sequences
 from .sampling import MIN_SHARE, NODES, Mixture
 
 _SCALES = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5)  # of the roughness of a lobe
@@ -77,7 +78,7 @@ def _tabulate(material) -> tuple[list[float], np.ndarray, np.ndarray]:
     even = [mi.Float(1 / (len(lobes) * len(_SCALES[::2]) + 1))] * (len(lobes) * len(_SCALES[::2]))
     n = NODES * _AZIMUTHS * _SAMPLES
     k = dr.arange(mi.UInt32, n)
-    u = sampling.even_numbers(n, k % _SAMPLES)
+    u = sequences.even_numbers(n, k % _SAMPLES)
     view = k // _SAMPLES
     # 0.005: node 0 is the horizon itself
     cos = dr.maximum(dr.square(mi.Float(view // _AZIMUTHS) / (NODES - 1)), 0.005)

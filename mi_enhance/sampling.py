@@ -16,6 +16,7 @@ import mitsuba as mi
 
 from . import geometry, models, parameters, terms
 from .models import Model
+from .numerics.sequences import even_numbers
 
 # Neither technique is ever left to chance alone: a share of 5 % bounds the weight of what the other one misses.
 MIN_SHARE = 0.05
@@ -205,31 +206,6 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model 
             visible = dr.rcp(2 * (local_i.z + root))
         density += share * terms.D_ggx(h, a_x, a_y) * visible
     return dr.select(active, density, 0)
-
-
-def even_numbers(n: int, k=None) -> list[mi.Float]:
-    """Three coordinates in [0, 1) that fill the cube evenly: as good as many more random ones.
-
-    Parameters
-    ----------
-    n : int
-        Points.
-    k : mi.UInt32, optional
-        Which of them; all in order if left out.
-
-    References
-    ----------
-    Roberts 2018, *The Unreasonable Effectiveness of Quasirandom Sequences*, R3.
-
-    Examples
-    --------
-    >>> [len(v) for v in even_numbers(8)]
-    [8, 8, 8]
-    """
-    k = dr.arange(mi.UInt32, n) if k is None else k
-    # multiples of 2^-32 wrap around in 32 bits; as float32, k times a step would lose digits
-    steps = (3518319155, 2882110345, 2360945575)  # 2^32 / g, / g^2, / g^3 with g^4 = g + 1
-    return [mi.Float((k * mi.UInt32(step)) >> 8) * 2**-24 for step in steps]
 
 
 def lobe_albedo(material, n: int = 4096) -> float:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from tqdm import tqdm
 
-from . import levenberg, parameters
+from . import parameters
 from .data import Measurements
 from .enhance import EnhancedBRDF
+from .numerics import levenberg_marquardt
 from .objective import Objective, stacked
 
 _LANES = 1 << 17  # samples fitted together: bounds the memory, 110 MB of Jacobian for ggx2
@@ -76,7 +77,7 @@ class Surface:
                 if known:
                     loss, equations = known.of(row // k).added(problem)
                 flat = u.reshape(-1, p)[row]
-                parts.append(levenberg.minimize(loss, equations, flat, space.low, space.high, steps=steps))
+                parts.append(levenberg_marquardt.minimize(loss, equations, flat, space.low, space.high, steps=steps))
             flat, losses = (np.concatenate(v) for v in zip(*parts, strict=True))
             u, losses = flat.reshape(t, k, p), losses.reshape(t, k)
         best = losses.argmin(1)[:, None]

@@ -17,12 +17,13 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from . import levenberg, nn, parameters
+from . import nn, parameters
 from .data.training import TrainingSet, build
 from .enhance import EnhancedBRDF, enhance
 from .fit import fit_analytic
 from .imitate import imitate
 from .material import Material
+from .numerics import levenberg_marquardt
 from .objective import Objective
 from .picture import draw_curve
 from .system import npz
@@ -139,7 +140,9 @@ class Trainer:
             part = slice(first, first + _REFIT_AT_ONCE)
             problem = Objective(brdf, *first_samples(self.samples, n, part), n)
             tries = [
-                levenberg.minimize(problem.loss, problem.normal_equations, v[part], space.low, space.high, steps=10)
+                levenberg_marquardt.minimize(
+                    problem.loss, problem.normal_equations, v[part], space.low, space.high, steps=10
+                )
                 for v in (u, self._start)
             ]
             u[part] = np.where((tries[0][1] <= tries[1][1])[:, None], tries[0][0], tries[1][0])
@@ -339,7 +342,7 @@ def validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> np.
     """Loss of materials the networks do not train on, (M,), each fitted by a few steps from `start`."""
     n = min(_START_SAMPLES, samples.n_samples)
     problem = Objective(brdf, *first_samples(samples, n), n)
-    _, losses = levenberg.minimize(
+    _, losses = levenberg_marquardt.minimize(
         problem.loss, problem.normal_equations, problem.space.to(start), problem.space.low, problem.space.high, steps=20
     )
     return losses

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mi_enhance.levenberg import minimize
+from mi_enhance.numerics.levenberg_marquardt import minimize
 
 FREE = 1e9  # a box nobody reaches
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mi_enhance import levenberg, parameters
+from mi_enhance import parameters
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.enhance import enhance
 from mi_enhance.fit import fit_analytic
 from mi_enhance.material import Material
+from mi_enhance.numerics import levenberg_marquardt
 from mi_enhance.objective import stacked
 from mi_enhance.texels import fit_texels, log_l1_of_texels
 
@@ -66,7 +67,7 @@ def test_many_problems_end_where_each_ends_alone(llvm):
         problem = stacked(brdf, wi, wo, f)
         u = np.tile(start, (len(f), 1))
         equations = problem.normal_equations
-        return levenberg.minimize(problem.loss, equations, u, space.low, space.high, steps=4, tolerance=-1)
+        return levenberg_marquardt.minimize(problem.loss, equations, u, space.low, space.high, steps=4, tolerance=-1)
 
     together, losses = run(f[0])
     for k in range(5):
