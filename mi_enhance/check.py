@@ -103,7 +103,7 @@ def check(
     result = {"ok": all(row["verdict"] != "off" for row in rows), "rows": rows, "files": {}}
     if out_dir is not None:
         from .check_picture import draw
-        from .table import write_table
+        from .output.table import write_table
 
         folder = Path(out_dir)
         folder.mkdir(parents=True, exist_ok=True)

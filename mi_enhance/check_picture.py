@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .picture import sheet
+from .output.figure import sheet
 
 
 def draw(angles, albedo, peaks, reciprocity, path, *, title):

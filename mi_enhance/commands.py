@@ -147,7 +147,7 @@ def check(args: argparse.Namespace) -> dict:
 
     from .check import COLUMNS, check
     from .material import Material
-    from .table import print_table
+    from .output.table import print_table
 
     material = Material.load(args.file)
     with tqdm(desc="check", unit=" parts", disable=args.json, leave=False) as bar:
@@ -294,7 +294,7 @@ def _executor(args: argparse.Namespace):
 def compare(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
     from .compare import compare_files, default_models
-    from .table import print_table
+    from .output.table import print_table
 
     result = compare_files(
         args.data,
@@ -314,9 +314,9 @@ def compare(args: argparse.Namespace) -> dict:
 
 def bench(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
+    from .output.table import print_table
     from .report import COLUMNS, GROWTH_COLUMNS, bench
     from .system.bundled_files import demo_data
-    from .table import print_table
 
     result = bench(
         args.data or [demo_data("satin_rosaline_rgb.bsdf")],

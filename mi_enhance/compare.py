@@ -13,10 +13,11 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import data, metrics, picture
+from . import data, metrics
 from . import scene as scenes
+from .evaluation import comparison_picture
+from .output.table import write_table
 from .system.files import material_name, replacing, require_file
-from .table import write_table
 
 _WARM_UP_SPP = 1  # compiles the same kernels as any other number
 
@@ -102,7 +103,7 @@ def compare(
             }
         )
     tiles = [{**row, "image": images[row["label"]], "error": errors[row["label"]]} for row in rows[1:]]
-    picture.draw((truth_label, images[truth_label]), tiles, out_dir / "comparison.png", title=title)
+    comparison_picture.draw((truth_label, images[truth_label]), tiles, out_dir / "comparison.png", title=title)
     return rows
 
 

@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 from .compare import compare_file
+from .output.table import COLUMNS, print_table, write_table
 from .system.bundled_files import demo_data
-from .table import COLUMNS, print_table, write_table
 
 _MATERIAL = "ilm_solo_m_68_rgb.bsdf"  # blue metallic paint: plain GGX misses the wide base of its highlight
 

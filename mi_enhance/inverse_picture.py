@@ -8,9 +8,9 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .metrics import encode_srgb
+from .output.figure import sheet
+from .output.srgb import encode_srgb
 from .photographs import Target
-from .picture import sheet
 from .system.files import replacing
 from .views import View
 

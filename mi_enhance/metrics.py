@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from .losses import log_l1
+from .output.srgb import encode_srgb
 
 WHITE_CD_M2 = 100.0  # luminance given to radiance 1: the peak white of a standard-dynamic-range display
 JND_PER_ITP = 720.0  # ITU-R BT.2124: 720 times the distance in ITP is 1 at the threshold of visibility
@@ -141,18 +142,6 @@ def mean_abs_log(image, truth):
     """
     image, truth = _check("mean_abs_log", image, truth)
     return log_l1(np.maximum(image, 0), np.maximum(truth, 0), 1.0)
-
-
-def encode_srgb(image):
-    """Clip linear RGB to [0, 1] and apply the sRGB curve of IEC 61966-2-1, as for a PNG file.
-
-    Examples
-    --------
-    >>> encode_srgb(np.array([-1.0, 0.0, 1.0, 7.0])).round(6).tolist()
-    [0.0, 0.0, 1.0, 1.0]
-    """
-    image = np.clip(image, 0, 1)
-    return np.where(image <= 0.0031308, 12.92 * image, 1.055 * image ** (1 / 2.4) - 0.055)
 
 
 def _check(where, image, truth):

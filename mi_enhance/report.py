@@ -20,8 +20,8 @@ from .compare import compare
 from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
 from .data.sampling import sample_pairs
 from .losses import log_l1
+from .output.table import write_table
 from .system.files import material_name, replacing, require_file
-from .table import write_table
 from .workers import Workers, first_frames
 
 LANES = 1 << 20  # of the kernel that evaluates a BSDF alone

@@ -6,9 +6,9 @@ import base64
 import html
 from pathlib import Path
 
-from .picture import sheet
+from .output.figure import sheet
+from .output.table import cells
 from .system.files import replacing
-from .table import cells
 
 _ROUNDING = 1e-4  # below this an error is float32: the measured file held against itself
 _STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:100em;padding:0 1em;color:#222}
@@ -72,7 +72,7 @@ def write_page(result: dict, path: str | Path, columns: dict, growth_columns: di
         Of :func:`mi_enhance.report.bench`, whose folder is that of `path`.
     path : str or Path
     columns, growth_columns : dict
-        As for :func:`mi_enhance.table.markdown`.
+        As for :func:`mi_enhance.output.table.markdown`.
     """
     path = Path(path)
     about = ", ".join(f"{key} {value}" for key, value in result["machine"].items())

@@ -23,6 +23,7 @@ from .data.training import TrainingSet, build, gather
 from .enhance import EnhancedBRDF
 from .features import INPUTS
 from .material import Material
+from .output.pareto import pareto
 from .system.files import digest, read_json, replacing
 from .train import Trainer, analytic_start, representative, validate
 
@@ -321,23 +322,6 @@ def _network(setup: candidate.Setup, folder: Path, stages: list[dict]) -> Materi
         "library": [samples.names[k] for k in keep],
     }
     return Material(brdf, {}, report, library=values[keep])
-
-
-def pareto(stages: list[dict]) -> list[dict]:
-    """Candidates that no other beats in both loss and cost, cheapest first.
-
-    Examples
-    --------
-    >>> rows = [{"loss": 3, "cost": 0}, {"loss": 2, "cost": 5}, {"loss": 2.5, "cost": 6}]
-    >>> [row["cost"] for row in pareto([{"candidates": rows}])]
-    [0, 5]
-    """
-    rows = sorted((row for s in stages for row in s["candidates"]), key=lambda row: (row["cost"], row["loss"]))
-    front = []
-    for row in rows:
-        if not front or row["loss"] < front[-1]["loss"]:
-            front.append(row)
-    return front
 
 
 def _view(folder: Path, setup: candidate.Setup, progress: bool):

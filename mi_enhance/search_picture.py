@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .picture import sheet
+from .output.figure import sheet
 
 _SPREAD = 0.2  # colours end where a candidate is this much better or worse than the unchanged state
 

@@ -25,10 +25,10 @@ from .imitate import imitate
 from .material import Material
 from .numerics import levenberg_marquardt
 from .objective import Objective
-from .picture import draw_curve
 from .system import npz
 from .system.files import read_json, replacing
 from .system.garbage_collection import _no_collection
+from .training.curve_picture import draw_curve
 
 DEFAULTS = {
     "model": "ggx",

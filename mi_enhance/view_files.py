@@ -10,7 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .metrics import encode_srgb
+from .output.srgb import encode_srgb
 from .system.files import read_json, replacing, require_file
 from .views import View
 

@@ -12,8 +12,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance import scene, table
+from mi_enhance import scene
 from mi_enhance.compare import compare, compare_files
+from mi_enhance.output import table
 from mi_enhance.system.bundled_files import scene_file
 
 SCENES = ("shader_ball", "sphere_envmap")

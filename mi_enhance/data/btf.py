@@ -11,6 +11,7 @@ import zipfile
 import numpy as np
 from tqdm import tqdm
 
+from ..output.srgb import _linear
 from ..system.files import require_file
 
 _MIN_COS = 0.01  # as for all sources: beyond, f is mostly noise
@@ -107,11 +108,3 @@ def _check_window(rows, columns, shape, where):
     for name, (first, end), size in (("rows", rows, shape[0]), ("columns", columns, shape[1])):
         if not 0 <= first < end <= size:
             raise ValueError(f"{where}: {name} {first} to {end} do not lie within the {size} there are.")
-
-
-def _linear(picture):
-    """Linear values; 8-bit pictures are taken for sRGB."""
-    if picture.dtype != np.uint8:
-        return picture.astype(np.float32)
-    v = picture.astype(np.float32) / 255
-    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)

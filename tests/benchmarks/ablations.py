@@ -25,10 +25,10 @@ from mi_enhance import candidate, data, models
 from mi_enhance.data.training import TrainingSet, sources_of
 from mi_enhance.fit import fit
 from mi_enhance.material import Material
-from mi_enhance.picture import sheet
+from mi_enhance.output.figure import sheet
+from mi_enhance.output.table import write_table
 from mi_enhance.search import DEFAULTS, search
 from mi_enhance.system.files import replacing
-from mi_enhance.table import write_table
 from mi_enhance.timing import machine
 from mi_enhance.train import Trainer, analytic_start, representative, validate
 

@@ -31,10 +31,11 @@ import rivals
 import tabulated
 from common import averaged, finish
 
-from mi_enhance import data, metrics, picture, scene
+from mi_enhance import data, metrics, scene
+from mi_enhance.evaluation import comparison_picture
 from mi_enhance.losses import log_l1
+from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name, replacing
-from mi_enhance.table import print_table, write_table
 from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -142,11 +143,11 @@ def _render(args, path, measurements, folder: Path, contenders: list[rivals.Riva
             error = metrics.delta_E_ITP_map(image, truth)
             row |= {"ssim": metrics.ssim(image, truth), "delta_E_ITP_1000": 1000 * float(np.mean(error))}
             tiles.append({**row, "image": image, "error": error})
-    picture.draw(("measured", truth), tiles, folder / "comparison.png", title=measurements.name)
+    comparison_picture.draw(("measured", truth), tiles, folder / "comparison.png", title=measurements.name)
     # the reference, the network named first, and the rival that is trained for each material: what a page has room for
     network = next((row["label"] for row in rows if row["label"].startswith("enhanced")), None)
     short = [tile for tile in tiles if tile["label"] in (rivals.REFERENCE, network, "NBRDF trained")]
-    picture.draw(("measured", truth), short, folder / "short.png", title=measurements.name)
+    comparison_picture.draw(("measured", truth), short, folder / "short.png", title=measurements.name)
 
 
 def _extremes(args, rows: list[dict]) -> None:

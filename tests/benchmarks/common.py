@@ -36,7 +36,7 @@ def averaged(measurements, path):
 
 def finish(rows: list[dict], columns: dict, *, title: str, about: dict, as_json: bool) -> None:
     """Print the table and the machine; one JSON object last if asked for."""
-    from mi_enhance.table import print_table
+    from mi_enhance.output.table import print_table
 
     print_table(rows, columns, title=title)
     print(", ".join(f"{key} {value}" for key, value in about.items()))

@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from mi_enhance import Material, data, fit, parameters
 from mi_enhance.enhance import EnhancedBRDF
 from mi_enhance.fit import descend, objective
-from mi_enhance.picture import sheet
+from mi_enhance.output.figure import sheet
 from mi_enhance.timing import clock, machine
 
 _ROOT = Path(__file__).resolve().parents[2]

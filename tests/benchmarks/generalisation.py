@@ -29,8 +29,8 @@ from mi_enhance import data
 from mi_enhance.data import rgl, synthetic
 from mi_enhance.data.sampling import rusinkiewicz_to_directions
 from mi_enhance.losses import log_l1
+from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name
-from mi_enhance.table import print_table, write_table
 from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]

@@ -31,8 +31,8 @@ from common import finish, folder_name
 from mi_enhance import inverse, inverse_picture, inverse_starts, metrics, parameters, photographs, rivals, unknowns
 from mi_enhance import scene as scenes
 from mi_enhance.material import Material
+from mi_enhance.output.table import write_table
 from mi_enhance.system.files import material_name, replacing
-from mi_enhance.table import write_table
 from mi_enhance.timing import machine
 from mi_enhance.view_files import read_views, write_views
 from mi_enhance.views import around, render_views

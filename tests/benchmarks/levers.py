@@ -17,8 +17,8 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import mitsuba as mi  # isort: skip
 from common import finish, folder_name
 
-from mi_enhance.picture import sheet
-from mi_enhance.table import write_table
+from mi_enhance.output.figure import sheet
+from mi_enhance.output.table import write_table
 from mi_enhance.timing import machine
 from mi_enhance.train import train
 

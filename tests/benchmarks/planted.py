@@ -21,8 +21,8 @@ from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
+from mi_enhance.output.table import write_table
 from mi_enhance.search import search
-from mi_enhance.table import write_table
 from mi_enhance.timing import machine
 
 _GRAPH = models.ggx().graph

@@ -19,7 +19,7 @@ from mi_enhance.bsdfs.function import reflectance
 
 from mi_enhance import Material, data, fit, specialize
 from mi_enhance.losses import log_l1
-from mi_enhance.table import write_table
+from mi_enhance.output.table import write_table
 from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]

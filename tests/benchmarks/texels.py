@@ -17,7 +17,9 @@ from common import finish
 
 from mi_enhance import Material, metrics, scene
 from mi_enhance.data import clamp_negative, rgl, sampling
-from mi_enhance.picture import draw, sheet
+from mi_enhance.evaluation.comparison_picture import draw
+from mi_enhance.output import srgb
+from mi_enhance.output.figure import sheet
 from mi_enhance.texels import fit_texels, log_l1_of_texels
 from mi_enhance.timing import machine
 
@@ -128,7 +130,7 @@ def draw_maps(maps, path) -> None:
     with sheet(path, (3 * len(shown), 3.2), 90) as figure:
         for axes, (name, values) in zip(np.ravel(figure.subplots(1, len(shown))), shown.items(), strict=True):
             colour = values.shape[2] == 3
-            image = metrics.encode_srgb(values / max(1, values.max())) if colour else values[..., 0]
+            image = srgb.encode_srgb(values / max(1, values.max())) if colour else values[..., 0]
             axes.imshow(image, cmap=None if colour else "viridis")
             axes.set_title(name if values.shape[2] in (1, 3) else f"{name}.00")
             axes.set_axis_off()

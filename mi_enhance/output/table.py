@@ -6,7 +6,7 @@ import csv
 import json
 from pathlib import Path
 
-from .system.files import replacing
+from ..system.files import replacing
 
 # key of a row: (header, format); a column is shown where some row has the key
 COLUMNS = {

@@ -1,18 +1,22 @@
-"""Pictures: a comparison (renders in a row, their figures, error maps with one scale), the curve of a training."""
+"""Renders beside their truth, with error maps."""
 
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 
-from .metrics import encode_srgb
-from .system.files import replacing
+from ..output.figure import _DPI
+from ..output.srgb import encode_srgb
+from ..system.files import replacing
 
 _TILE_INCHES = 2.2
+
+
 _LINE = 0.28  # inches for a line of text above and below the renders
+
+
 _GAP = 0.04
-_DPI = 160  # 352 pixels for a tile: three of them fill the width of a README
+
+
 _PERCENTILE = 99.5  # top of the colour scale: a few fireflies must not make every map black
 
 
@@ -79,49 +83,3 @@ def draw(truth, candidates, path, *, title=None):
     bar.set_title("error: $10^3\\,\\Delta E_{ITP}$ of each pixel", fontsize=9)
     with replacing(path) as temporary:
         figure.savefig(temporary)
-
-
-@contextlib.contextmanager
-def sheet(path, size, dpi):
-    """Yield a figure that is written as PNG when the block ends: `size` in inches, axes laid out to fit.
-
-    It has its own Agg canvas: pyplot, and so the user's backend, is never touched.
-
-    Examples
-    --------
-    >>> with sheet("plot.png", (8, 5), 100) as figure:  # doctest: +SKIP
-    ...     figure.add_subplot().plot([1, 2])
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, dpi=dpi, layout="constrained")
-    FigureCanvasAgg(figure)
-    yield figure
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png")
-
-
-def draw_curve(records, path):
-    """Draw the losses of a training over its steps: solid for what it trains on, dashed for validation.
-
-    Parameters
-    ----------
-    records : list of dict
-        Each with ``step``, ``seconds``, and losses under any other key.
-    path : str or Path
-        PNG.
-
-    Examples
-    --------
-    >>> draw_curve([{"step": 1, "loss": 0.02}, {"step": 2, "loss": 0.01}], "curve.png")  # doctest: +SKIP
-    """
-    with sheet(path, (10, 5), 90) as figure:
-        axes = figure.add_subplot()
-        for key in dict.fromkeys(key for r in records for key in r if key not in ("step", "seconds")):
-            rows = [(r["step"], r[key]) for r in records if key in r]
-            style = {"ls": "--", "marker": "o", "ms": 3} if key.startswith("validation") else {"ls": "-"}
-            axes.plot(*zip(*rows, strict=True), label=key, lw=2.5 if key == "loss" else 1, **style)
-        axes.set(xlabel="step", ylabel="log-L1", yscale="log")
-        axes.grid(alpha=0.3, which="both")
-        axes.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))  # beside the curves, which fill the axes

@@ -1,0 +1,1 @@
+"""Materials judged (section 7 of the paper): image metrics, scenes, comparisons, physical checks."""
