@@ -105,12 +105,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import energy, nn, parameters, sampling
+from mi_enhance import energy, nn, sampling
+from mi_enhance.analytic import parameters
+from mi_enhance.analytic.models.model import Model
 from mi_enhance.enhance import EnhancedBRDF
 from mi_enhance.lean import lean
 from mi_enhance.maps import MaterialMaps
 from mi_enhance.material import Material
-from mi_enhance.models import Model
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
 _RGB_WAVELENGTHS = (611.0, 549.0, 465.0)

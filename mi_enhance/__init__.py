@@ -45,13 +45,13 @@ _PUBLIC = {
 }
 _MODULES = {
     "data": "mi_enhance.data",
-    "geometry": "mi_enhance.geometry",
-    "graph": "mi_enhance.graph",
+    "geometry": "mi_enhance.analytic.geometry",
+    "graph": "mi_enhance.analytic.graph",
     "losses": "mi_enhance.losses",
     "metrics": "mi_enhance.metrics",
-    "models": "mi_enhance.models",
+    "models": "mi_enhance.analytic.models",
     "sampling": "mi_enhance.sampling",
-    "terms": "mi_enhance.terms",
+    "terms": "mi_enhance.analytic.terms",
 }
 __all__ = ["__version__", *_MODULES, *_PUBLIC]
 

@@ -19,7 +19,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import alternatives, models, nn, parameters, state
+from . import nn, state
+from .analytic import alternative_terms, models, parameter_space, parameters
 from .data.training import TrainingSet
 from .enhance import EnhancedBRDF, enhance
 from .imitate import imitate
@@ -173,7 +174,7 @@ def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.
     values = values.astype(np.float64)
     values = values.reshape(template.n_parameters, -1).T.copy()
     brdf = dataclasses.replace(template, networks=nn.unflatten(template.networks, flat))
-    return brdf, parameters.Space(template.parameters).back(values)
+    return brdf, parameter_space.Space(template.parameters).back(values)
 
 
 def started(setup: Setup, folder: Path, brdf: EnhancedBRDF, kept: Mapping[str, nn.MLP]) -> EnhancedBRDF:
@@ -192,7 +193,7 @@ def _carry(old: np.ndarray, before: EnhancedBRDF, brdf: EnhancedBRDF) -> np.ndar
     usual = {name: np.asarray(v)[0] for name, v in known.items() if len(np.atleast_2d(v)) == 1}
     for slot, term in brdf.model.terms.items():
         if before.model.terms.get(slot) != term:
-            started = alternatives.start(brdf.model, slot, term, usual)
+            started = alternative_terms.start(brdf.model, slot, term, usual)
             columns |= {name: np.atleast_2d(v) for name, v in started.items()}
     columns |= {name: np.atleast_2d(v) for name, v in known.items() if name in columns}
     return np.concatenate([columns[p.name] for p in brdf.parameters]).T
@@ -216,7 +217,7 @@ def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -
 
 def judge(brdf: EnhancedBRDF, values: np.ndarray, samples: TrainingSet) -> float:
     """Mean loss (eq. 1) of materials with parameters (M, P) on their samples; infinite where it is not a number."""
-    n, space = samples.n_samples, parameters.Space(brdf.parameters)
+    n, space = samples.n_samples, parameter_space.Space(brdf.parameters)
     at_once = max(1, _JUDGED_AT_ONCE // n)
     losses = []
     for first in range(0, len(values), at_once):

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import geometry
+from .analytic import geometry
 from .density import SIGNIFICANCE, chi_square
 from .material import Material
 from .numerics import sequences

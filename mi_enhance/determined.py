@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import mitsuba as mi
 import numpy as np
 
-from . import parameters
+from .analytic import parameter_space, parameters
 from .data import Measurements
 from .material import Material
 from .objective import Objective
@@ -60,7 +60,7 @@ def determined(
     ['n_x', 'n_y', 't_theta', 'alpha_x']
     """
     brdf = material.brdf
-    space = parameters.Space(brdf.parameters, hold)
+    space = parameter_space.Space(brdf.parameters, hold)
     u = space.to(material.vector())
     spread = (space.high - space.low) / np.sqrt(12)  # of a number anywhere in the range
     free = np.flatnonzero(spread)

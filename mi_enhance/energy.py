@@ -15,7 +15,8 @@ from collections.abc import Mapping
 import drjit as dr
 import mitsuba as mi
 
-from . import geometry, nn, sampling
+from . import nn, sampling
+from .analytic import geometry
 from .enhance import EnhancedBRDF
 from .numerics import sequences
 
@@ -84,7 +85,7 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
 
 
 def factor(table: mi.Float, w: mi.Vector3f, params: Mapping) -> mi.Float:
-    """The factor s of a direction, surface frame; `params` as for :func:`mi_enhance.geometry.frame_of`."""
+    """The factor s of a direction, surface frame; `params` as for :func:`mi_enhance.analytic.geometry.frame_of`."""
     return _between(table, dr.detach(geometry.frame_of(params).to_local(w).z))
 
 

@@ -9,11 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import features, geometry, models, nn, parameters
+from . import features, nn
+from .analytic import geometry, models, parameters
+from .analytic.graph import Node
+from .analytic.models.model import Model
 from .compact import Compact
 from .features import COLOURLESS, INPUTS
-from .graph import Node
-from .models import Model
 
 # What "symmetric" and "directions" make the inputs of, see features.py.
 _READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}

@@ -19,9 +19,9 @@ from collections.abc import Iterable, Mapping
 
 import drjit as dr
 
-from . import parameters
-from .graph import Node
-from .models import Model
+from .analytic import parameters
+from .analytic.graph import Node
+from .analytic.models.model import Model
 
 INPUTS = ("shape", "own", "symmetric", "directions")
 COLOURLESS = ("shape", "own")  # whose networks see no colour, and may tell viewer from light
@@ -87,7 +87,7 @@ def of_directions(q: Mapping, inputs: str, wi, wo, nodes: Iterable[Node]) -> dic
     Parameters
     ----------
     q : dict
-        Quantities of :func:`mi_enhance.geometry.quantities`, in the material's frame, and parameters.
+        Quantities of :func:`mi_enhance.analytic.geometry.quantities`, in the material's frame, and parameters.
     inputs : str
     wi, wo : mi.Vector3f
         Directions in the frame of the surface.
@@ -127,7 +127,7 @@ def named(q: Mapping) -> dict:
 
     Examples
     --------
-    >>> from mi_enhance.geometry import quantities
+    >>> from mi_enhance.analytic.geometry import quantities
     >>> list(named(quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))))
     ['sin2_h', 'cos_d', 'product', 'log_product', 'sin_d']
     """

@@ -11,7 +11,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import parameters, prior, sampling
+from . import prior, sampling
+from .analytic import parameter_space, parameters
 from .data import Measurements
 from .determined import determined
 from .enhance import EnhancedBRDF
@@ -181,7 +182,7 @@ def _lm(
         starts = [*starts, *analytic_starts(brdf)]
     elif library is not None:
         starts = [*starts, *_nearest(brdf, measurements, library, order[:1024])]
-    space = parameters.Space(brdf.parameters, _held(reciprocal))
+    space = parameter_space.Space(brdf.parameters, _held(reciprocal))
     u, losses, used = space.to(np.array(starts)), None, 0
     for samples, survivors, steps in _STAGES:
         if used == n:
@@ -231,11 +232,11 @@ def _rmsprop(
         if step % 50 == 0:
             callback("rmsprop", step, float(dr.mean(loss)[0]))
 
-    u = descend(problem, optimizer, parameters.Space(brdf.parameters, _held(reciprocal)), epochs, report)
+    u = descend(problem, optimizer, parameter_space.Space(brdf.parameters, _held(reciprocal)), epochs, report)
     return problem.space.back(u), float(problem.loss(u[None])[0])
 
 
-def descend(problem: Objective, optimizer, space: parameters.Space, steps: int, callback: Callable) -> np.ndarray:
+def descend(problem: Objective, optimizer, space: parameter_space.Space, steps: int, callback: Callable) -> np.ndarray:
     """Take steps with gradients of all samples inside the box of `space`, and return the parameters, (P,).
 
     Parameters

@@ -9,7 +9,8 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from . import nn, parameters
+from . import nn
+from .analytic import parameters
 from .data.sampling import sample_pairs
 from .enhance import EnhancedBRDF
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from . import inverse_picture, inverse_starts, photographs
 from . import unknowns as unknown_parameters
+from .analytic.parameters import Parameter
 from .image_descent import Descent
 from .image_fit import RECENT, ImageFit, result
 from .material import Material
 from .normalise import plain
-from .parameters import Parameter
 from .placed import Placed, find
 from .system.variants import require_rgb
 from .unknowns import Unknown

@@ -8,10 +8,10 @@ from collections.abc import Callable, Collection, Sequence
 import mitsuba as mi
 import numpy as np
 
-from . import parameters
+from .analytic import parameter_space, parameters
+from .analytic.parameters import FRAME, Parameter
 from .features import COLOURLESS
 from .material import Material
-from .parameters import FRAME, Parameter
 from .photographs import Target
 from .placed import Placed, put
 
@@ -41,7 +41,7 @@ def candidates(one: Placed) -> list[Material]:
 def library_shapes(brdf, library: np.ndarray) -> np.ndarray:
     """What tells training materials apart besides their colours, each number over its spread."""
     free = np.concatenate([np.full(p.size, not (p.is_colour or p.fixed)) for p in brdf.parameters])
-    u = parameters.Space(brdf.parameters).to(np.asarray(library, np.float64))[:, free]
+    u = parameter_space.Space(brdf.parameters).to(np.asarray(library, np.float64))[:, free]
     return (u - u.mean(0)) / (u.std(0) + 1e-6)  # 1e-6: what never varies
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import mitsuba as mi
 import numpy as np
 
-from . import parameters
+from .analytic import parameters
 from .enhance import EnhancedBRDF
 
 

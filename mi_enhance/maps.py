@@ -11,7 +11,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import nn, parameters
+from . import nn
+from .analytic import parameters
 from .material import Material
 from .system.files import digest, replacing, require_file
 

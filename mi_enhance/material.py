@@ -11,7 +11,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import alternatives, compact, energy, models, nn, parameters, sampling
+from . import compact, energy, nn, sampling
+from .analytic import alternative_terms, models, parameters
 from .enhance import EnhancedBRDF, enhance
 from .sampling import Mixture
 from .system import tensor_file
@@ -349,7 +350,7 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
         if not 0 <= n_latent <= 1024:
             raise ValueError(f"n_latent {n_latent} out of range: 0 to 1024")
         return enhance(
-            alternatives.with_terms(_model(description), description.get("terms", {})),
+            alternative_terms.with_terms(_model(description), description.get("terms", {})),
             {slot: [int(n) for n in hidden] for slot, hidden in replace.items()},
             n_latent=n_latent,
             inputs=description["inputs"],

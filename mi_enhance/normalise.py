@@ -14,8 +14,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import parameters, sampling
-from .graph import Node
+from . import sampling
+from .analytic import parameters
+from .analytic.graph import Node
 from .material import Material
 
 _SAMPLES = 1 << 14

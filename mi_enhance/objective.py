@@ -12,7 +12,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import nn, parameters
+from . import nn
+from .analytic import parameter_space, parameters
 from .enhance import EnhancedBRDF
 
 # Lanes per block of the float32 products that make up the normal equations; blocks are added in float64.
@@ -39,7 +40,7 @@ class Objective:
     def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Mapping | None = None):
         self.brdf, self.n, self.wi, self.wo = brdf, n, wi, wo
         self.n_problems = dr.width(wi) // n
-        self.space = parameters.Space(brdf.parameters)
+        self.space = parameter_space.Space(brdf.parameters)
         if evaluators is None:
             evaluators = nn.Trainable(brdf.networks)
             dr.disable_grad(evaluators.weights)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from . import parameters
+from .analytic import parameter_space, parameters
 from .data.sampling import directions_to_rusinkiewicz
 from .material import Material
 from .objective import Objective
@@ -79,7 +79,7 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
     weight : float or array (B,)
         Of the prior, beside a mean loss; of each problem.
     """
-    space = parameters.Space(material.brdf.parameters)
+    space = parameter_space.Space(material.brdf.parameters)
     u = space.to(np.asarray(material.library, np.float64))
     free = np.concatenate(
         [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]

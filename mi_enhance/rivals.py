@@ -13,7 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import distil, features, geometry, nn
+from . import distil, features, nn
+from .analytic import geometry
 from .data import Measurements
 from .data.sampling import half_difference
 from .material import Material

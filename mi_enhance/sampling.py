@@ -14,8 +14,8 @@ from typing import NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from . import geometry, models, parameters, terms
-from .models import Model
+from .analytic import geometry, models, parameters, terms
+from .analytic.models.model import Model
 from .numerics.sequences import even_numbers
 
 # Neither technique is ever left to chance alone: a share of 5 % bounds the weight of what the other one misses.

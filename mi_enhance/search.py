@@ -17,7 +17,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import candidate, models, state
+from . import candidate, state
+from .analytic import models
 from .data import Measurements
 from .data.training import TrainingSet, build, gather
 from .enhance import EnhancedBRDF
@@ -102,7 +103,7 @@ def search(
     Parameters
     ----------
     model : Model or str
-        The analytic model: one of :mod:`mi_enhance.models`, its name, or a ``.toml`` file of one.
+        The analytic model: one of :mod:`mi_enhance.analytic.models`, its name, or a ``.toml`` file of one.
     materials : sequence of Measurements, or of dict
         What to train on; dictionaries are sources as in a training configuration, see
         :mod:`mi_enhance.data.training`.

@@ -14,13 +14,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import distil, features, nn, parameters, prune
+from . import distil, features, nn, prune
+from .analytic import parameters
+from .analytic.graph import Node
 from .compact import Compact
 from .data import Measurements
 from .data.sampling import sample_pairs
 from .enhance import EnhancedBRDF
 from .fit import fit
-from .graph import Node
 from .losses import log_l1
 from .material import Material
 from .system.variants import require_rgb

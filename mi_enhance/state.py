@@ -9,9 +9,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 
-from .alternatives import with_terms
+from .analytic.alternative_terms import with_terms
+from .analytic.models.model import Model
 from .enhance import EnhancedBRDF, enhance
-from .models import Model
 
 State = tuple[int, ...]
 # What can stand in a slot: None (the original), hidden sizes of a network, or the name of another analytic term.
@@ -34,7 +34,7 @@ def choices(
     modules : sequence of sequences of int
         Hidden sizes of the networks to choose from.
     alternatives : dict of str to list of str, optional
-        Slot -> names of other analytic terms, see :data:`mi_enhance.alternatives.ALTERNATIVES`.
+        Slot -> names of other analytic terms, see :data:`mi_enhance.analytic.alternative_terms.ALTERNATIVES`.
     fixed : dict of str to str, optional
         Slot -> ``"analytic"`` or ``"neural"``: the digits the search leaves alone, or lets choose among networks.
     nodes_only : bool

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from tqdm import tqdm
 
-from . import parameters
+from .analytic import parameter_space
 from .data import Measurements
 from .enhance import EnhancedBRDF
 from .numerics import levenberg_marquardt
@@ -64,7 +64,7 @@ class Surface:
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def _fit(self, brdf, index, u, stages, known):
-        space, losses = parameters.Space(brdf.parameters), None
+        space, losses = parameter_space.Space(brdf.parameters), None
         for n, survivors, steps in stages:
             t, k, p = u.shape
             if survivors is not None and survivors < k:

@@ -12,7 +12,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from . import parameters, prior, sampling
+from . import prior, sampling
+from .analytic import parameter_space, parameters
 from .enhance import EnhancedBRDF
 from .fit import analytic_starts
 from .maps import MaterialMaps
@@ -100,12 +101,12 @@ def fit_texels(
     surface = Surface(wi, wo, f, shape, rng, progress)
     material = material.exact
     brdf, analytic = material.brdf, EnhancedBRDF(material.brdf.model, {})
-    space = parameters.Space(analytic.parameters)
+    space = parameter_space.Space(analytic.parameters)
     starts = space.to(analytic_starts(analytic))
     u, loss_analytic = surface.fit(analytic, lambda index: np.tile(starts, (len(index), 1, 1)), _ANALYTIC, "analytic")
     loss, known = loss_analytic, None
     if brdf.networks:
-        space = parameters.Space(brdf.parameters)
+        space = parameter_space.Space(brdf.parameters)
         initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
         u = np.concatenate([u, np.tile(space.to(initial)[u.shape[1] :], (len(u), 1))], axis=1)
         known = _known(material, loss_analytic / surface.n)
@@ -156,7 +157,7 @@ def log_l1_of_texels(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray, f: np.n
     surface = Surface(wi, wo, f, shape, np.random.default_rng(0), progress=False)
     columns = {name: np.broadcast_to(v, (*shape, len(v))) for name, v in maps.material.params.items()} | maps.maps
     u = np.concatenate([columns[p.name] for p in brdf.parameters], axis=2).reshape(len(surface.f), -1)
-    u = parameters.Space(brdf.parameters).to(u.astype(np.float64))
+    u = parameter_space.Space(brdf.parameters).to(u.astype(np.float64))
     _, loss = surface.fit(brdf, lambda index: u[index][:, None], _AS_IT_IS, "")
     return loss.reshape(shape)
 
@@ -176,7 +177,7 @@ def _enhanced(surface: Surface, material: Material, u, known, rng) -> tuple[np.n
     anchors = rng.choice(len(u), min(_ANCHORS, len(u)), replace=False)
     starts = lambda index: u[index][:, None]  # noqa: E731
     if material.library is not None:
-        library = parameters.Space(brdf.parameters).to(np.asarray(material.library, np.float64))
+        library = parameter_space.Space(brdf.parameters).to(np.asarray(material.library, np.float64))
         starts = lambda index: np.concatenate(  # noqa: E731
             [u[index][:, None], surface.nearest(brdf, index, library, _NEAREST)], axis=1
         )

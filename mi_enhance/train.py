@@ -17,7 +17,8 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from . import nn, parameters
+from . import nn
+from .analytic import parameter_space, parameters
 from .data.training import TrainingSet, build
 from .enhance import EnhancedBRDF, enhance
 from .fit import fit_analytic
@@ -75,7 +76,7 @@ class Trainer:
         self.step = 0
         self.trainable = nn.Trainable(brdf.networks)
         self._data = [mi.Float(row) for row in samples.samples]
-        self._space = space = parameters.Space(brdf.parameters)
+        self._space = space = parameter_space.Space(brdf.parameters)
         repeat = lambda v: mi.Float(np.repeat(v, self.n_materials).astype(np.float32))  # noqa: E731
         # Tracing takes as long as the kernels; they are the same in every step.
         self._backward = dr.freeze(lambda *inputs: self._trace_backward(*inputs))

@@ -16,7 +16,8 @@ import numpy as np
 import twin
 import twin_networks
 
-from mi_enhance import geometry, models, nn, parameters
+from mi_enhance import models, nn
+from mi_enhance.analytic import geometry, parameters
 from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
 from mi_enhance.system.bundled_files import network_file

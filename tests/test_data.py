@@ -395,7 +395,7 @@ def test_synthetic_formula_is_mitsubas_roughconductor(rgb):
 
 
 def test_synthetic_frame_is_the_packages(rgb):
-    from mi_enhance import geometry
+    from mi_enhance.analytic import geometry
 
     n = np.array([0.2, -0.1, np.sqrt(1 - 0.05)])
     frame = geometry.frame(mi.Float(0.2), mi.Float(-0.1), mi.Float(0.7))

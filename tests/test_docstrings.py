@@ -33,12 +33,18 @@ def test_examples_of(llvm, name):
 
 
 def test_every_module_is_looked_at():
-    assert {"mi_enhance.geometry", "mi_enhance.terms", "mi_enhance.fit", "mi_enhance.data.merl"} <= set(MODULES)
+    assert {
+        "mi_enhance.analytic.geometry",
+        "mi_enhance.analytic.terms",
+        "mi_enhance.fit",
+        "mi_enhance.data.merl",
+    } <= set(MODULES)
 
 
 def test_plugin_names_every_parameter():
     """All that any model or network has, in the text from which the reference of the plugin is made."""
-    from mi_enhance import bsdfs, models, parameters
+    from mi_enhance import bsdfs, models
+    from mi_enhance.analytic import parameters
 
     text = importlib.import_module(f"{bsdfs.__name__}.enhanced").__doc__
     names = {p.name for model in models.MODELS.values() for p in model().parameters}

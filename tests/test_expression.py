@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mi_enhance import expression
+from mi_enhance.analytic.text_model import expression
 
 KINDS = {"h": "direction", "x": "number", "y": "number", "rho": "colour"}
 ROUNDING = 1e-5  # a dozen float32 operations

@@ -14,7 +14,8 @@ import twin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mi_enhance import alternatives, models, terms
+from mi_enhance import models, terms
+from mi_enhance.analytic import alternative_terms
 from mi_enhance.enhance import enhance
 
 N, N_GRADIENTS = 2000, 40
@@ -101,12 +102,12 @@ def test_normalised_abc_is_the_twins_over_its_range(llvm):
     assert all(np.isfinite(np.array(dr.grad(v))).all() for v in values.values())
 
 
-@pytest.mark.parametrize("name", alternatives.ALTERNATIVES)
+@pytest.mark.parametrize("name", alternative_terms.ALTERNATIVES)
 def test_models_with_other_terms_stay_finite(llvm, name):
     """In both lobes of ggx2, in all cases, with all derivatives."""
     slot = "1/E" if name.startswith("inv_E") else name.partition("_")[0]
     slots = [s for s in (slot, f"{slot}2") if s in models.get("ggx2").graph.slots]
-    brdf = enhance(alternatives.with_terms(models.get("ggx2"), dict.fromkeys(slots, name)), ())
+    brdf = enhance(alternative_terms.with_terms(models.get("ggx2"), dict.fromkeys(slots, name)), ())
     for case in cases.CASES.values():
         wi, wo, params = cases.draw(case, brdf, 5000, seed=4)
         assert cases.n_bad(*cases.gradients(brdf, {}, wi, wo, params))[0] == 0

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import twin
 
-from mi_enhance import Material, enhance, fit, nn, parameters
+from mi_enhance import Material, enhance, fit, nn
+from mi_enhance.analytic import parameter_space, parameters
 from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.normalise import normalise, plain
@@ -57,7 +58,7 @@ def test_coverage_is_the_part_of_the_angles_visited():
 def test_prior_is_a_gaussian_over_shape_and_latent_numbers(llvm):
     material = network()
     prior = from_library(material, weight(*sample_pairs(500), 0.02))
-    space = parameters.Space(material.brdf.parameters)
+    space = parameter_space.Space(material.brdf.parameters)
     u = space.to(material.library)
     assert prior.loss(u.mean(0)[None])[0] == pytest.approx(0, abs=1e-20)
     coloured = u.mean(0) + np.concatenate(
@@ -141,7 +142,7 @@ def test_a_colour_is_never_scaled_out_of_its_range(llvm):
 
 
 def test_fixed_parameters_are_left_alone(llvm):
-    space = parameters.Space([parameters.F0, parameters.norm("B")], hold=("F0",))
+    space = parameter_space.Space([parameters.F0, parameters.norm("B")], hold=("F0",))
     assert (space.low == space.high).all() and space.low.tolist() == [0.04, 0.0]
 
 

@@ -82,7 +82,7 @@ def test_the_check_sees_every_form_of_import(tmp_path):
     path = tmp_path / "x.py"
     path.write_text(
         "def f():\n from .fit import a\n from . import nn, b\n"
-        "import mi_enhance.data.merl\nfrom mi_enhance.terms import c\nfrom mi_enhance import models\n"
+        "import mi_enhance.data.merl\nfrom mi_enhance.analytic.terms.distribution import c\nfrom mi_enhance import models\n"
     )
     assert imported(path, "graph") == {"fit", "nn", "data", "terms", "models"}
     path.write_text("from . import sampling\nfrom ..fit import a\nfrom .. import terms\n")

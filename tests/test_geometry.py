@@ -9,7 +9,7 @@ import pytest
 import twin
 from lanes import vectors
 
-from mi_enhance import geometry
+from mi_enhance.analytic import geometry
 
 ROUNDING = 1e-6  # float32 has 6e-8; a few operations deep
 

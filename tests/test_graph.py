@@ -6,7 +6,7 @@ import pytest
 import twin
 
 from mi_enhance import enhance, models
-from mi_enhance.graph import Node
+from mi_enhance.analytic.graph import Node
 
 RECORD = {"a": 2.0, "b": 3.0, "c": 5.0}
 

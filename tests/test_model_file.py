@@ -20,7 +20,9 @@ import twin
 from plugin_scenes import ball, render_attached
 from test_models import USUAL, given, materials
 
-from mi_enhance import cli, data, enhance, geometry, model_file, models, nn, parameters
+from mi_enhance import cli, data, enhance, models, nn
+from mi_enhance.analytic import geometry, parameters
+from mi_enhance.analytic.text_model import toml_model
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.fit import fit
 from mi_enhance.material import Material
@@ -120,10 +122,10 @@ def test_corners_of_the_ranges_stay_finite_with_their_gradients(llvm):
 def test_formula_associates_as_in_the_native_models(name):
     """Sums to the left and products to the right: networks of operators have the same operands."""
     native = models.get(name).graph
-    constant = model_file.expression.parse("rho", {"rho": "colour"}, "")
-    scalar = model_file.expression.parse("1", {}, "")
+    constant = toml_model.expression.parse("rho", {"rho": "colour"}, "")
+    scalar = toml_model.expression.parse("1", {}, "")
     terms = {n.name: constant if n.name in ("M", "S", "S2") else scalar for n in native.walk() if not n.args}
-    text = model_file._graph(str(native), terms, "test")
+    text = toml_model._graph(str(native), terms, "test")
     tree = lambda node: (node.name, *map(tree, node.args))  # noqa: E731
     assert tree(text) == tree(native)
 
@@ -147,7 +149,7 @@ def test_starts_and_lobes_may_be_left_out_where_the_package_has_some():
     model = models.from_expression(text)
     alpha_x = next(q for q in model.parameters if q.name == "alpha_x")
     assert alpha_x == dataclasses.replace(parameters.ALPHA_X, initial=0.3)
-    assert model.lobes is models.lobes_of_alpha and model.starts == models.ggx().starts
+    assert model.lobes is models.model.lobes_of_alpha and model.starts == models.ggx().starts
     assert models.from_expression(TWISTED + "# after mine.toml").starts == ({},)
 
 

@@ -15,7 +15,8 @@ import pytest
 import twin
 from plugin_scenes import ball, render_attached
 
-from mi_enhance import data, enhance, models, parameters
+from mi_enhance import data, enhance, models
+from mi_enhance.analytic import parameters
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.fit import fit, objective
 from mi_enhance.material import Material

@@ -10,7 +10,8 @@ import pytest
 import twin
 import twin_networks
 
-from mi_enhance import losses, parameters
+from mi_enhance import losses
+from mi_enhance.analytic import parameters
 from mi_enhance.enhance import enhance
 from mi_enhance.objective import Objective
 

@@ -228,7 +228,7 @@ def test_weights_of_abc_are_bounded(llvm, name):
 @pytest.mark.parametrize("B", [1.0, 300.0, 3e5, 1e8])
 @pytest.mark.parametrize("C", [0.01, 0.5, 1 - 1e-5, 1.0, 2.0, 10.0])
 def test_lobe_of_abc_lies_between_its_two_widths(llvm, B, C):
-    ((rho_s, alpha, _),) = models.lobes_of_abc({"A": mi.Color3f(2), "B": mi.Float(B), "C": mi.Float(C)})
+    ((rho_s, alpha, _),) = lobes_of_abc({"A": mi.Color3f(2), "B": mi.Float(B), "C": mi.Float(C)})
     alpha = alpha[0]
     assert 0.999e-4 < alpha <= 1
     assert np.array(rho_s)[0, 0] == pytest.approx(8 * alpha**2, rel=1e-5)  # as high as A / pi

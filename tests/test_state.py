@@ -11,7 +11,8 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 
 import mitsuba as mi  # isort: skip
 
-from mi_enhance import alternatives, enhance, features, geometry, models, parameters, state
+from mi_enhance import enhance, features, models, state
+from mi_enhance.analytic import alternative_terms, geometry, parameters
 from mi_enhance.material import Material
 
 GGX = models.get("ggx")
@@ -80,7 +81,7 @@ def random_parameters(brdf, n, seed=0):
 
 def test_terms_of_another_model_make_that_model(llvm):
     chosen = {"D": "D_beckmann", "F": "F_cook_torrance", "G": "G_v_cavity", "1/E": "inv_E_pi"}
-    mixed = enhance(alternatives.with_terms(GGX, chosen), ())
+    mixed = enhance(alternative_terms.with_terms(GGX, chosen), ())
     assert str(mixed) == "M + S * D_beckmann * F_cook_torrance * G_v_cavity * inv_E_pi"
     wi, wo = twin.pairs(2000, seed=1)
     p = random_parameters(mixed, 2000)
@@ -93,37 +94,37 @@ def test_normalised_abc_integrates_to_one(llvm, B, C):
     """Against the cosine over the hemisphere; the integral in the float64 of NumPy, over 1 - cos(theta_h)."""
     x = np.concatenate([[0], np.geomspace(1e-12, 1, 400_000)])
     shape = (1 + B * x) ** -C
-    peak = float(alternatives.terms.D_abc_normalised(mi.Vector3f(0, 0, 1), mi.Float(B), mi.Float(C))[0])
+    peak = float(alternative_terms.terms.D_abc_normalised(mi.Vector3f(0, 0, 1), mi.Float(B), mi.Float(C))[0])
     assert abs(2 * np.pi * np.trapezoid(peak * shape * (1 - x), x) - 1) < 2e-5
 
 
 def test_abc_starts_where_ggx_is(llvm):
     """Within 10 % down to a hundredth of the peak."""
     for alpha in (0.05, 0.2):
-        start = alternatives.start(
-            alternatives.with_terms(GGX, {"D": "D_abc_normalised"}), "D", "D_abc_normalised",
+        start = alternative_terms.start(
+            alternative_terms.with_terms(GGX, {"D": "D_abc_normalised"}), "D", "D_abc_normalised",
             {"alpha_x": np.array([alpha]), "alpha_y": np.array([alpha])},
         )  # fmt: skip
         tan = np.linspace(0, 3 * alpha, 50)
         h = twin.unit(np.stack([tan, 0 * tan, np.ones(50)], 1))
         values = {name: mi.Float(float(v[0])) for name, v in start.items()}
-        got = np.array(alternatives.terms.D_abc_normalised(lanes.vectors(h), **values))
+        got = np.array(alternative_terms.terms.D_abc_normalised(lanes.vectors(h), **values))
         np.testing.assert_allclose(got, twin.D_ggx(h, alpha, alpha), rtol=0.1)
 
 
 def test_two_lobes_bring_parameters_of_their_own():
-    model = alternatives.with_terms(models.get("ggx2"), {"D": "D_abc_normalised", "D2": "D_abc_normalised"})
+    model = alternative_terms.with_terms(models.get("ggx2"), {"D": "D_abc_normalised", "D2": "D_abc_normalised"})
     assert model.extra == ("B", "C", "B2", "C2") and "M * B + S * D_abc_normalised * F" in str(model)
     assert [p.name for p in model.parameters][-4:] == ["B", "C", "B2", "C2"]
 
 
 def test_what_a_term_lacks_is_named():
     with pytest.raises(ValueError, match='D_ggx needs alpha_x, alpha_y, which model "abc" does not have'):
-        alternatives.with_terms(models.get("abc"), {"D": "D_ggx"})
+        alternative_terms.with_terms(models.get("abc"), {"D": "D_ggx"})
 
 
 def test_a_material_with_other_terms_is_saved_loaded_and_sampled(llvm, tmp_path):
-    model = alternatives.with_terms(GGX, {"D": "D_abc_normalised", "F": "F_dielectric"})
+    model = alternative_terms.with_terms(GGX, {"D": "D_abc_normalised", "F": "F_dielectric"})
     brdf = enhance(model, {"G": (4, 3), "1/E": (5,)}, n_latent=3, inputs="shape", modulated=True)
     material = Material(brdf, {"B": 300.0, "C": 1.3, "ior": 1.8})
     material.save(tmp_path / "m.bsdf")

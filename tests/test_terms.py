@@ -11,7 +11,8 @@ import pytest
 import twin
 from lanes import vectors
 
-from mi_enhance import enhance, geometry, parameters, terms
+from mi_enhance import enhance, terms
+from mi_enhance.analytic import geometry, parameters
 
 ROUNDING = 2e-6  # relative; float32 has 6e-8, a dozen operations and the exponents 4 and 5 multiply it
 # Mitsuba's roughconductor against ours: two float32 codes, each with a half vector of its own (6e-8 / alpha in D).

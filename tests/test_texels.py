@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mi_enhance import parameters
+from mi_enhance.analytic import parameter_space, parameters
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.enhance import enhance
 from mi_enhance.fit import fit_analytic
@@ -60,7 +60,7 @@ def test_many_problems_end_where_each_ends_alone(llvm):
     """The batched Levenberg-Marquardt against one problem at a time: a few steps, before rounding sets them apart."""
     wi, wo, f, _ = surface(1, 5)
     brdf = Material.analytic("ggx").brdf
-    space = parameters.Space(brdf.parameters)
+    space = parameter_space.Space(brdf.parameters)
     start = space.to(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)))
 
     def run(f):

@@ -11,7 +11,8 @@ import pytest
 import twin
 import twin_networks
 
-from mi_enhance import nn, parameters
+from mi_enhance import nn
+from mi_enhance.analytic import parameters
 from mi_enhance.enhance import enhance
 from mi_enhance.imitate import _random, imitate
 from mi_enhance.material import Material

@@ -20,7 +20,8 @@ from common import finish
 from drjit.opt import Adam, RMSProp
 from scipy.optimize import minimize
 
-from mi_enhance import Material, data, fit, parameters
+from mi_enhance import Material, data, fit
+from mi_enhance.analytic import parameters
 from mi_enhance.enhance import EnhancedBRDF
 from mi_enhance.fit import descend, objective
 from mi_enhance.output.figure import sheet

@@ -28,8 +28,9 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish, folder_name
 
-from mi_enhance import inverse, inverse_picture, inverse_starts, metrics, parameters, photographs, rivals, unknowns
+from mi_enhance import inverse, inverse_picture, inverse_starts, metrics, photographs, rivals, unknowns
 from mi_enhance import scene as scenes
+from mi_enhance.analytic import parameters
 from mi_enhance.material import Material
 from mi_enhance.output.table import write_table
 from mi_enhance.system.files import material_name, replacing

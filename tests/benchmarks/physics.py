@@ -20,7 +20,8 @@ import mitsuba as mi
 import numpy as np
 from common import averaged, finish, shipped
 
-from mi_enhance import data, fit, parameters
+from mi_enhance import data, fit
+from mi_enhance.analytic import parameters
 from mi_enhance.check import albedo
 from mi_enhance.material import Material
 from mi_enhance.output.figure import sheet

@@ -11,9 +11,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import features, models, nn, parameters
+from mi_enhance import features, models, nn
+from mi_enhance.analytic import parameters
+from mi_enhance.analytic.graph import Node
 from mi_enhance.enhance import EnhancedBRDF
-from mi_enhance.graph import Node
 
 SMALL, LARGE = (32, 64, 64, 16), (32, 64, 128, 128, 64)  # the paper's: as large as its modules, and five times
 

@@ -23,7 +23,7 @@ import numpy as np
 from common import finish
 from torch_model import TorchModel, import_torch
 
-from mi_enhance import parameters
+from mi_enhance.analytic import parameter_space
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.data.training import TrainingSet
 from mi_enhance.enhance import enhance
@@ -69,7 +69,7 @@ def _compare(torch, m: int, n: int, rounds: int, with_compile: bool) -> list[dic
     samples = TrainingSet([str(k) for k in range(m)], ["random"] * m, np.ascontiguousarray(rows), n)
     trainer = Trainer(brdf, samples, {**DEFAULTS, "batch": n}, start)
     ours = trainer.gradients()  # a batch of n of n samples is all of them, whatever the random start
-    u = parameters.Space(brdf.parameters).to(start)
+    u = parameter_space.Space(brdf.parameters).to(start)
     jobs = {"mi_enhance": lambda: _step(trainer)}
     differences = {"mi_enhance": {}}
     for form, folded in (("folded", True), ("plain", False)):

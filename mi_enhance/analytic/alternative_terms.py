@@ -13,7 +13,8 @@ import numpy as np
 
 from . import geometry, terms
 from . import parameters as p
-from .models import Model, alpha_of_abc, renamed
+from .models.abc import alpha_of_abc
+from .models.model import Model, renamed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Alternative:
     Parameters
     ----------
     term : callable
-        From :mod:`mi_enhance.terms`.
+        From :mod:`mi_enhance.analytic.terms`.
     parameters : tuple of Parameter
         Those it may bring along.
     start : callable

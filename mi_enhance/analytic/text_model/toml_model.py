@@ -15,11 +15,12 @@ from collections.abc import Iterable, Mapping
 
 import drjit as dr
 
-from . import expression, parameters
+from .. import parameters
+from ..geometry import QUANTITIES
+from ..graph import Node
+from ..parameters import Parameter
+from . import expression
 from .expression import MAX_NUMBER, Expression, shown
-from .geometry import QUANTITIES
-from .graph import Node
-from .parameters import Parameter
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -51,7 +52,7 @@ def parse(text: str, where: str) -> dict:
     Returns
     -------
     dict
-        The fields of :class:`mi_enhance.models.Model` that the text says something about.
+        The fields of :class:`mi_enhance.analytic.models.model.Model` that the text says something about.
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""The analytic model as a computational graph (section 3 of the paper)."""

@@ -1,0 +1,73 @@
+"""What a model is: a graph, its parameters, where its fits start, the GGX lobes that cover it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+from .. import parameters as p
+from ..graph import Node
+
+
+def lobes_of_alpha(params: Mapping) -> list[tuple]:
+    """The GGX lobes of a model that has roughness and specular albedo: (rho_s, alpha_x, alpha_y) of each."""
+    return [
+        tuple(params[f"{k}{n}"] for k in ("rho_s", "alpha_x", "alpha_y")) for n in ("", "2") if f"rho_s{n}" in params
+    ]
+
+
+# The loss has a local minimum for each lobe width it can explain: one start for each.
+_ROUGHNESSES = tuple({"alpha_x": alpha, "alpha_y": alpha} for alpha in (0.02, 0.06, 0.15, 0.3, 0.5, 0.8))
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """A graph, the parameters it reads, and where it comes from. Prints as its equation.
+
+    Parameters
+    ----------
+    name : str
+        In files and in :func:`get`.
+    graph : Node
+    parameters : tuple of Parameter
+    source : str
+        Literature.
+    starts : tuple of dict
+        Where an analytic fit starts from, each what differs from the initial values; by default six roughnesses.
+    lobes : callable
+        ``lobes(params) -> [(rho_s, alpha_x, alpha_y), ...]``: GGX lobes that cover the model's own, for sampling.
+    v_cavity : bool
+        True if the model masks with V-cavities: visible normals are then drawn with theirs instead of Smith's.
+    terms : dict of str to str
+        Slots that hold another analytic term than the model's own, see :mod:`mi_enhance.analytic.alternative_terms`.
+    extra : tuple of str
+        Names of the parameters that those terms brought; networks do not read them.
+    text : str
+        What a model of :func:`from_expression` was read from; files keep it.
+
+    Examples
+    --------
+    >>> print(ggx())
+    M + S * D * F * G * 1/E
+    >>> len(ggx().graph.slots)
+    11
+    """
+
+    name: str
+    graph: Node
+    parameters: tuple[p.Parameter, ...]
+    source: str
+    starts: tuple[dict[str, float], ...] = _ROUGHNESSES
+    lobes: Callable[[Mapping], list[tuple]] = lobes_of_alpha
+    v_cavity: bool = False
+    terms: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    extra: tuple[str, ...] = ()
+    text: str = dataclasses.field(default="", repr=False)
+
+    def __str__(self) -> str:
+        return str(self.graph)
+
+
+def renamed(name: str, term: Callable, own: Mapping[str, str], label: str = "") -> Node:
+    """A node whose `term` reads other quantities than its arguments are called after: argument -> quantity."""
+    return Node(name, lambda **q: term(**{n: q[o] for n, o in own.items()}), inputs=tuple(own.values()), label=label)

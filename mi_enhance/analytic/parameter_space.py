@@ -1,0 +1,51 @@
+"""The space in which parameters move during a fit."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import drjit as dr
+import numpy as np
+
+from .parameters import Parameter
+
+
+class Space:
+    """The space in which parameters are optimised: the logarithm of those that ask for it, a box for all.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    hold : sequence of str
+        Names that stay at their initial value, besides those that are fixed.
+
+    Examples
+    --------
+    >>> space = Space([ALPHA_X, F0])
+    >>> space.back(space.to(np.array([0.1, 0.04])))
+    array([0.1 , 0.04])
+    """
+
+    def __init__(self, parameters: Sequence[Parameter], hold: Sequence[str] = ()):
+        parameters = [
+            dataclasses.replace(p, low=p.initial, high=p.initial) if p.fixed or p.name in hold else p
+            for p in parameters
+        ]
+        self._log = np.concatenate([np.full(p.size, p.log) for p in parameters])
+        self.low = self.to(np.concatenate([np.full(p.size, p.low) for p in parameters]))
+        self.high = self.to(np.concatenate([np.full(p.size, p.high) for p in parameters]))
+
+    def to(self, physical: np.ndarray) -> np.ndarray:
+        """Physical values, (..., P), to optimised ones."""
+        return np.where(self._log, np.log(np.where(self._log, physical, 1)), physical)
+
+    def back(self, optimised):
+        """Optimised values to physical ones: an array (..., P), or a list of P Dr.Jit arrays."""
+        if isinstance(optimised, np.ndarray):
+            return np.where(self._log, np.exp(np.where(self._log, optimised, 0)), optimised)
+        return [dr.exp(v) if log else v for v, log in zip(optimised, self._log, strict=True)]
+
+    def slope(self, optimised: np.ndarray) -> np.ndarray:
+        """Derivatives of the physical values, (..., P), with respect to the optimised ones."""
+        return np.where(self._log, self.back(optimised), 1.0)
