@@ -105,13 +105,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import energy, nn, sampling
+from mi_enhance import energy, sampling
 from mi_enhance.analytic import parameters
 from mi_enhance.analytic.models.model import Model
-from mi_enhance.enhance import EnhancedBRDF
-from mi_enhance.lean import lean
 from mi_enhance.maps import MaterialMaps
 from mi_enhance.material import Material
+from mi_enhance.neural import baked, cooperative
+from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
+from mi_enhance.neural.simplify import lean
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
 _RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
@@ -169,7 +170,7 @@ class Enhanced(mi.BSDF):
         self.m_evaluators = _evaluators(props)
         self.m_forms, self.m_known = {}, {}
         self.m_full = self._form(self.m_brdf, frozenset())
-        self.m_stored = self.m_brdf.evaluators(nn.Stored)
+        self.m_stored = self.m_brdf.evaluators(baked.Stored)
         self.m_values, self.m_textures = {}, _maps(props, self.m_material)
         self.m_colours = [p.name for p in self.m_brdf.parameters if p.is_colour]
         for p in self.m_brdf.parameters:
@@ -451,7 +452,7 @@ def _maps(props: mi.Properties, material: Material) -> dict[str, mi.Texture]:
 
 def _evaluators(props: mi.Properties) -> type:
     """What evaluates the networks: asked for, or the faster one of the backend."""
-    kinds = {"baked": nn.Baked, "cooperative": nn.Cooperative}
+    kinds = {"baked": baked.Baked, "cooperative": cooperative.Cooperative}
     name = props.get("evaluators", "cooperative" if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else "baked")
     if name not in kinds:
         raise ValueError(f'bsdf "enhanced": evaluators "{name}" is unknown. Choose one of: {", ".join(kinds)}.')

@@ -30,7 +30,7 @@ _PUBLIC = {
     "View": "mi_enhance.views",
     "check": "mi_enhance.check",
     "compare": "mi_enhance.compare",
-    "enhance": "mi_enhance.enhance",
+    "enhance": "mi_enhance.neural.enhanced_brdf",
     "fit": "mi_enhance.fit",
     "fit_images": "mi_enhance.inverse",
     "fit_texels": "mi_enhance.texels",

@@ -19,11 +19,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import nn, state
+from . import state
 from .analytic import alternative_terms, models, parameter_space, parameters
 from .data.training import TrainingSet
-from .enhance import EnhancedBRDF, enhance
 from .imitate import imitate
+from .neural.enhance import enhance
+from .neural.enhanced_brdf import EnhancedBRDF
+from .neural.mlp import MLP, flatten, unflatten
 from .objective import Objective
 from .system import npz
 from .system.files import digest, read_json, replacing
@@ -173,11 +175,11 @@ def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.
         raise ValueError(f"{where}: the parameters are not those of {template}. Remove this file's folder.")
     values = values.astype(np.float64)
     values = values.reshape(template.n_parameters, -1).T.copy()
-    brdf = dataclasses.replace(template, networks=nn.unflatten(template.networks, flat))
+    brdf = dataclasses.replace(template, networks=unflatten(template.networks, flat))
     return brdf, parameter_space.Space(template.parameters).back(values)
 
 
-def started(setup: Setup, folder: Path, brdf: EnhancedBRDF, kept: Mapping[str, nn.MLP]) -> EnhancedBRDF:
+def started(setup: Setup, folder: Path, brdf: EnhancedBRDF, kept: Mapping[str, MLP]) -> EnhancedBRDF:
     """`brdf` with the networks of `kept` where they fit, and others that imitate what they replace."""
     networks = {}
     for slot, mlp in brdf.networks.items():
@@ -199,7 +201,7 @@ def _carry(old: np.ndarray, before: EnhancedBRDF, brdf: EnhancedBRDF) -> np.ndar
     return np.concatenate([columns[p.name] for p in brdf.parameters]).T
 
 
-def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -> nn.MLP:
+def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -> MLP:
     """A network that has learned the term or operator in `slot`, kept on disk beside the folders of all searches."""
     steps, seed = setup.settings["imitation_steps"], setup.settings["seed"]
     key = json.dumps([1, str(setup.model), setup.model.name, slot, hidden, steps, setup.build], sort_keys=True)
@@ -209,10 +211,10 @@ def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -
         taught = imitate(alone, steps=steps, seed=seed)
         file.parent.mkdir(exist_ok=True)
         with replacing(file) as temporary:
-            np.savez(temporary, weights=nn.flatten(taught.networks))
+            np.savez(temporary, weights=flatten(taught.networks))
     where = f'search(): "{file}"'
     weights = npz.numbers(npz.read(file, ["weights"], where), "weights", (alone.n_weights,), where)
-    return nn.unflatten(alone.networks, weights)[slot]
+    return unflatten(alone.networks, weights)[slot]
 
 
 def judge(brdf: EnhancedBRDF, values: np.ndarray, samples: TrainingSet) -> float:

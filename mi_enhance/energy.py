@@ -15,9 +15,10 @@ from collections.abc import Mapping
 import drjit as dr
 import mitsuba as mi
 
-from . import nn, sampling
+from . import sampling
 from .analytic import geometry
-from .enhance import EnhancedBRDF
+from .neural import cooperative
+from .neural.enhanced_brdf import EnhancedBRDF
 from .numerics import sequences
 
 # Evenly spaced in the fourth root of the cosine: the albedo changes most in the last degrees. Node 1 is at 2e-7; node 5
@@ -110,7 +111,7 @@ def _reflected(brdf: EnhancedBRDF, params: Mapping, shares: list) -> tuple[mi.Fl
     wo = sampling.sample(wi, params, shares, u[0], mi.Point2f(u[1], u[2]), brdf.model)
     density = sampling.pdf(wi, wo, params, shares, brdf.model)
     dr.eval(wi, wo, density)  # the networks in a kernel of their own compile faster
-    f = mi.Color3f(brdf(wi, wo, params, brdf.evaluators(nn.Cooperative)))
+    f = mi.Color3f(brdf(wi, wo, params, brdf.evaluators(cooperative.Cooperative)))
     value = dr.select(density > 0, f * (wo.z / density), 0)
     cos = frame.to_local(wo).z
     dr.eval(value, cos)

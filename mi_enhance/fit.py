@@ -15,10 +15,10 @@ from . import prior, sampling
 from .analytic import parameter_space, parameters
 from .data import Measurements
 from .determined import determined
-from .enhance import EnhancedBRDF
 from .losses import log_l1
 from .material import Material
 from .mixture import mixture
+from .neural.enhanced_brdf import EnhancedBRDF
 from .normalise import normalise, plain
 from .numerics import levenberg_marquardt
 from .objective import Objective, stacked

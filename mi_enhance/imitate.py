@@ -9,10 +9,10 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from . import nn
 from .analytic import parameters
 from .data.sampling import sample_pairs
-from .enhance import EnhancedBRDF
+from .neural.enhanced_brdf import EnhancedBRDF
+from .neural.trainable import Trainable
 
 
 def imitate(
@@ -37,7 +37,7 @@ def imitate(
         With networks close to the original terms.
     """
     rng = np.random.default_rng(seed)
-    trainable = nn.Trainable(brdf.networks)
+    trainable = Trainable(brdf.networks)
     optimizer = Adam(lr=lr, params={"weights": trainable.weights})
     for step in range(steps):
         wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(batch, seed=rng))

@@ -10,8 +10,8 @@ import numpy as np
 
 from .analytic import parameter_space, parameters
 from .analytic.parameters import FRAME, Parameter
-from .features import COLOURLESS
 from .material import Material
+from .neural.inputs import COLOURLESS
 from .photographs import Target
 from .placed import Placed, put
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import nn
 from .analytic import parameters
 from .material import Material
+from .neural import mlp
 from .system.files import digest, replacing, require_file
 
 FORMAT = 1  # of the files; a reader refuses what is newer
@@ -170,7 +170,7 @@ def _digest(material: Material) -> str:
     text = json.dumps(
         [brdf.model.name, brdf.model.text, str(brdf), brdf.inputs, [[p.name, p.size] for p in brdf.parameters]]
     )
-    return digest(text.encode(), nn.flatten(brdf.networks).tobytes())
+    return digest(text.encode(), mlp.flatten(brdf.networks).tobytes())
 
 
 def _checked(material: Material, maps: Mapping, where: str) -> dict[str, np.ndarray]:

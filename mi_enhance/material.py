@@ -11,9 +11,12 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import compact, energy, nn, sampling
+from . import energy, sampling
 from .analytic import alternative_terms, models, parameters
-from .enhance import EnhancedBRDF, enhance
+from .neural import distilled_network
+from .neural.enhance import enhance
+from .neural.enhanced_brdf import EnhancedBRDF
+from .neural.mlp import flatten, unflatten
 from .sampling import Mixture
 from .system import tensor_file
 from .system.bundled_files import DEFAULT_NETWORK, network_file
@@ -196,7 +199,7 @@ class Material:
             "type": "enhanced",
             "description": json.dumps(self._description()),
             "params": mi.Float(self.vector().astype(np.float32)),
-            "weights": mi.Float(np.concatenate([nn.flatten(self.brdf.networks), _flat(self.brdf.compact)])),
+            "weights": mi.Float(np.concatenate([flatten(self.brdf.networks), _flat(self.brdf.compact)])),
         }
 
     # ------------------------------------------------------------------ files
@@ -282,7 +285,7 @@ class Material:
             raise ValueError(f"{where}: {len(flat)} weights given, {template.n_weights} expected for {template}.")
         brdf = dataclasses.replace(
             template,
-            networks=nn.unflatten(template.networks, own),
+            networks=unflatten(template.networks, own),
             compact=_compact(parsed, rest, template, where),
         )
         return _assemble(brdf, np.asarray(params), parsed, where, None)
@@ -366,7 +369,7 @@ def _model(description: dict) -> models.Model:
     return models.from_expression(text) if text else models.registered(description["model"])
 
 
-def _flat(networks: tuple[compact.Compact, ...]) -> np.ndarray:
+def _flat(networks: tuple[distilled_network.Compact, ...]) -> np.ndarray:
     return np.concatenate([np.zeros(0, np.float32), *(c.flat for c in networks)])
 
 
@@ -375,7 +378,7 @@ def _compact(description: dict, flat: np.ndarray | None, template: EnhancedBRDF,
     if "compact" not in description:
         return ()
     try:
-        result = compact.restore(description["compact"], np.zeros(0, np.float32) if flat is None else flat)
+        result = distilled_network.restore(description["compact"], np.zeros(0, np.float32) if flat is None else flat)
         for c in result:
             for slot in c.slots:
                 template.model.graph.find(slot)

@@ -12,7 +12,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import nn, sampling
+from . import sampling
+from .neural import cooperative
 from .numerics import sequences
 from .sampling import MIN_SHARE, NODES, Mixture
 
@@ -87,7 +88,7 @@ def _tabulate(material) -> tuple[list[float], np.ndarray, np.ndarray]:
     wo = sampling.sample(wi, params, even, u[0], mi.Point2f(u[1], u[2]), wide)
     q = sampling.pdf(wi, wo, params, even, wide)
     dr.eval(wi, wo, q)
-    f = mi.Color3f(material.brdf(wi, wo, params, material.brdf.evaluators(nn.Cooperative)))
+    f = mi.Color3f(material.brdf(wi, wo, params, material.brdf.evaluators(cooperative.Cooperative)))
     g = dr.select(q > 0, dr.norm(f) * wo.z / q, 0)
     densities = [
         sampling.pdf(wi, wo, params, [mi.Float(1)], sampling.scaled(model, [(k, c)]))

@@ -12,9 +12,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import nn
 from .analytic import parameter_space, parameters
-from .enhance import EnhancedBRDF
+from .neural import trainable
+from .neural.enhanced_brdf import EnhancedBRDF
 
 # Lanes per block of the float32 products that make up the normal equations; blocks are added in float64.
 _BLOCK = 4096
@@ -42,7 +42,7 @@ class Objective:
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)
         if evaluators is None:
-            evaluators = nn.Trainable(brdf.networks)
+            evaluators = trainable.Trainable(brdf.networks)
             dr.disable_grad(evaluators.weights)
         self.evaluators = evaluators
         self._truth = [dr.log(1 + c * wo.z) for c in f]
@@ -168,7 +168,7 @@ def stacked(brdf: EnhancedBRDF, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -
 
     Examples
     --------
-    >>> from mi_enhance.enhance import enhance
+    >>> from mi_enhance.neural.enhance import enhance
     >>> stacked(enhance("ggx", ()), np.array([[0, 0, 1.0]]), np.array([[0, 0.6, 0.8]]), np.ones((7, 1, 3))).n_problems
     7
     """

@@ -13,11 +13,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import distil, features, nn
+from . import distil
 from .analytic import geometry
 from .data import Measurements
 from .data.sampling import half_difference
 from .material import Material
+from .neural import baked
+from .neural import inputs as inputs_module
 
 # ---------------------------------------------------------------------- NBRDF
 
@@ -159,7 +161,7 @@ def nbrdf_function(network: Mapping[str, np.ndarray], highest: float) -> Callabl
         d = h.z * u - sin_h * wo.z, c * wo.y - s * wo.x, sin_h * u + h.z * wo.z
         x = [sin_h, h.z, *d]
         for k, (w, b) in enumerate(layers):
-            x = nn.affine(w, x if k == 0 else [dr.maximum(v, 0) for v in x], b)
+            x = baked.affine(w, x if k == 0 else [dr.maximum(v, 0) for v in x], b)
         return mi.Color3f([dr.clip(dr.exp(v) - 1, 0, highest) for v in x])
 
     return f
@@ -212,7 +214,7 @@ def residual_function(lobe: Material, layers: list) -> Callable:
     dr.make_opaque(params)
 
     def f(wi, wo):
-        return dr.maximum(lobe.brdf(wi, wo, params) + mi.Color3f(nn.dense(layers, _inputs(lobe, wi, wo, params))), 0)
+        return dr.maximum(lobe.brdf(wi, wo, params) + mi.Color3f(baked.dense(layers, _inputs(lobe, wi, wo, params))), 0)
 
     return f
 
@@ -221,7 +223,7 @@ def _inputs(lobe: Material, wi, wo, params: Mapping | None = None) -> list:
     """The features that :func:`mi_enhance.specialize` uses, with those that tell viewer from light."""
     params = {**(params or lobe.lanes()), "asymmetry": mi.Float(1)}
     local_i, local_o, _ = geometry.local_directions(wi, wo, params)
-    named = features.named({**geometry.quantities(local_i, local_o), **params})
+    named = inputs_module.named({**geometry.quantities(local_i, local_o), **params})
     return [named[name] for name in ("sin2_h", "lobe", "cos_d", "product", "log_product", "sin_d", "difference")]
 
 

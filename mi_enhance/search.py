@@ -21,9 +21,9 @@ from . import candidate, state
 from .analytic import models
 from .data import Measurements
 from .data.training import TrainingSet, build, gather
-from .enhance import EnhancedBRDF
-from .features import INPUTS
 from .material import Material
+from .neural.enhanced_brdf import EnhancedBRDF
+from .neural.inputs import INPUTS
 from .output.pareto import pareto
 from .system.files import digest, read_json, replacing
 from .train import Trainer, analytic_start, representative, validate

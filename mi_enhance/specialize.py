@@ -14,16 +14,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import distil, features, nn, prune
+from . import distil, prune
 from .analytic import parameters
 from .analytic.graph import Node
-from .compact import Compact
 from .data import Measurements
 from .data.sampling import sample_pairs
-from .enhance import EnhancedBRDF
 from .fit import fit
 from .losses import log_l1
 from .material import Material
+from .neural import inputs as inputs_module
+from .neural import trainable
+from .neural.distilled_network import Compact
+from .neural.enhanced_brdf import EnhancedBRDF
 from .system.variants import require_rgb
 
 SHARED = "ggx2_small"  # the network that textured materials get
@@ -39,7 +41,7 @@ _MIN_COS = 1e-3  # closer to the horizon than any measurement: a render asks the
 # the colour can bring it to light.
 _MIN_WEIGHT = 1e-3
 # All features but the last, the logarithm of the ratio of the cosines, which adds little to their difference.
-_INPUTS = features.NAMES[:-1]
+_INPUTS = inputs_module.NAMES[:-1]
 # Inputs that vary by less say nothing: the azimuth where the roughnesses are equal, asymmetry where there is none.
 _MIN_SPREAD = 5e-3
 
@@ -175,7 +177,7 @@ def _shared(material: Material, measurements: Measurements | None, seed: int, st
 
 def _evaluate(material: Material, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """f (N, 3), through a kernel that compiles fast: baked weights outside of a BSDF take LLVM minutes."""
-    evaluators = nn.Trainable(material.brdf.networks)
+    evaluators = trainable.Trainable(material.brdf.networks)
     dr.disable_grad(evaluators.weights)
     wi, wo = (mi.Vector3f(np.ascontiguousarray(w.T, np.float32)) for w in (wi, wo))
     return np.array(material.brdf(wi, wo, material.lanes(), evaluators)).T
@@ -196,9 +198,9 @@ def _pruned(material: Material, training: _Problem) -> tuple[Compact, ...]:
     brdf = material.brdf
     if brdf.inputs != "shape" or not set(training.slots) <= set(brdf.networks):
         return ()
-    names = [name for name in features.NAMES if name in training.features]
+    names = [name for name in inputs_module.NAMES if name in training.features]
     values = material.lanes()
-    constant = np.array([v[0] for v in features.of_parameters(values, brdf.inputs, brdf.model)], np.float64)
+    constant = np.array([v[0] for v in inputs_module.of_parameters(values, brdf.inputs, brdf.model)], np.float64)
     inputs = {name: training.features[name] for name in names}
     result = []
     for slot in training.slots:
@@ -239,11 +241,11 @@ class _Problem:
     def __init__(self, material: Material, slots: tuple[str, ...], wi: np.ndarray, wo: np.ndarray, truth=None):
         brdf, self.slots, n = material.brdf, slots, len(wi)
         params = material.lanes()
-        evaluators = nn.Trainable(brdf.networks)  # baked weights take long to compile outside of a virtual call
+        evaluators = trainable.Trainable(brdf.networks)  # baked weights take long to compile outside of a virtual call
         dr.disable_grad(evaluators.weights)
         wi, wo_ = (mi.Vector3f(np.ascontiguousarray(w.T)) for w in (wi, wo))
         graph, record, active = brdf.prepare(wi, wo_, params, evaluators)
-        named, factors = features.named(record), [graph.find(slot)(record) for slot in slots]
+        named, factors = inputs_module.named(record), [graph.find(slot)(record) for slot in slots]
         dr.eval(named, factors)
         self.features = {name: np.array(v, np.float64) for name, v in named.items()}
         # 1e-20: an analytic operand may be 0

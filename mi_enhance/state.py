@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from .analytic.alternative_terms import with_terms
 from .analytic.models.model import Model
-from .enhance import EnhancedBRDF, enhance
+from .neural.enhance import enhance
+from .neural.enhanced_brdf import EnhancedBRDF
 
 State = tuple[int, ...]
 # What can stand in a slot: None (the original), hidden sizes of a network, or the name of another analytic term.
@@ -120,7 +121,7 @@ def chosen(state: State, choices: Mapping[str, Sequence[Choice]]) -> Iterator[tu
 
 
 def build(model: Model, state: State, choices: Mapping[str, Sequence[Choice]], **settings) -> EnhancedBRDF:
-    """The BRDF of a state, with Xavier weights; `settings` are those of :func:`mi_enhance.enhance`.
+    """The BRDF of a state, with Xavier weights; `settings` are those of :func:`mi_enhance.neural.enhanced_brdf`.
 
     Examples
     --------

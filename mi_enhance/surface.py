@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from .analytic import parameter_space
 from .data import Measurements
-from .enhance import EnhancedBRDF
+from .neural.enhanced_brdf import EnhancedBRDF
 from .numerics import levenberg_marquardt
 from .objective import Objective, stacked
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from . import prior, sampling
 from .analytic import parameter_space, parameters
-from .enhance import EnhancedBRDF
 from .fit import analytic_starts
 from .maps import MaterialMaps
 from .material import Material
+from .neural.enhanced_brdf import EnhancedBRDF
 from .surface import Surface, check
 from .system.variants import require_rgb
 

@@ -1,7 +1,7 @@
 """Training: the weights of all networks and the parameters of all materials together (paper, section 4.3).
 
 One step sees the same few samples of every material. A fused kernel evaluates and differentiates, see
-:class:`mi_enhance.nn.Trainable`; what belongs to a material is summed over its samples afterwards.
+:class:`mi_enhance.neural.trainable.Trainable`; what belongs to a material is summed over its samples afterwards.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from . import nn
 from .analytic import parameter_space, parameters
 from .data.training import TrainingSet, build
-from .enhance import EnhancedBRDF, enhance
 from .fit import fit_analytic
 from .imitate import imitate
 from .material import Material
+from .neural import mlp, trainable
+from .neural.enhance import enhance
+from .neural.enhanced_brdf import EnhancedBRDF
 from .numerics import levenberg_marquardt
 from .objective import Objective
 from .system import npz
@@ -37,7 +38,7 @@ DEFAULTS = {
     "inputs": "symmetric",
     "modulated": False,
     "n_latent": 27,
-    "hidden": list(nn.HIDDEN),
+    "hidden": list(mlp.HIDDEN),
     "data": [],
     "validation": [],
     "n_samples": 8192,  # per material
@@ -74,7 +75,7 @@ class Trainer:
         self.brdf, self.config, self.samples = brdf, config, samples
         self.n_materials = len(samples.names)
         self.step = 0
-        self.trainable = nn.Trainable(brdf.networks)
+        self.trainable = trainable.Trainable(brdf.networks)
         self._data = [mi.Float(row) for row in samples.samples]
         self._space = space = parameter_space.Space(brdf.parameters)
         repeat = lambda v: mi.Float(np.repeat(v, self.n_materials).astype(np.float32))  # noqa: E731

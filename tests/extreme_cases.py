@@ -16,10 +16,11 @@ import numpy as np
 import twin
 import twin_networks
 
-from mi_enhance import models, nn
+from mi_enhance import models
 from mi_enhance.analytic import geometry, parameters
-from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
+from mi_enhance.neural.enhance import enhance
+from mi_enhance.neural.mlp import flatten, unflatten
 from mi_enhance.system.bundled_files import network_file
 
 DARK = 1e-6  # 1/sr: errors count relative to f, or to this where f is darker
@@ -140,7 +141,7 @@ def materials() -> dict[str, Material]:
     own = enhance("ggx2", ("B", "D", "F", "G", "G2"), inputs="own", modulated=True, n_latent=6, seed=2)
     result["own features, random"] = Material(own, {})
     brdf = enhance("ggx", ("S", "D", "F", "G", "1/E"), inputs="shape", seed=1)
-    steep = nn.unflatten(brdf.networks, 30 * nn.flatten(brdf.networks))
+    steep = unflatten(brdf.networks, 30 * flatten(brdf.networks))
     return result | {"[S] [D] [F] [G] [1/E] saturated": Material(dataclasses.replace(brdf, networks=steep), {})}
 
 

@@ -8,7 +8,7 @@ import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import nn
+from mi_enhance.neural.trainable import Trainable
 
 
 def vectors(w):
@@ -32,7 +32,7 @@ def parameters(p):
 
 def fused(brdf):
     """Evaluators that compile in a second whatever the weights: a trainable network without gradients."""
-    trainable = nn.Trainable(brdf.networks)
+    trainable = Trainable(brdf.networks)
     dr.disable_grad(trainable.weights)
     return trainable
 

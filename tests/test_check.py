@@ -48,7 +48,7 @@ def test_a_density_that_is_not_the_samples_is_found(llvm, monkeypatch):
 
 
 def test_nan_and_negative_values_are_found(llvm, monkeypatch):
-    from mi_enhance.enhance import EnhancedBRDF
+    from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 
     true = EnhancedBRDF.__call__
 
@@ -62,7 +62,7 @@ def test_nan_and_negative_values_are_found(llvm, monkeypatch):
 
 
 def test_a_claim_that_is_missed_is_found(llvm, monkeypatch):
-    from mi_enhance.enhance import EnhancedBRDF
+    from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 
     true = EnhancedBRDF.__call__
     monkeypatch.setattr(EnhancedBRDF, "__call__", lambda self, wi, wo, *rest: true(self, wi, wo, *rest) * (1 + wi.x**2))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import twin
 
-from mi_enhance import nn
-from mi_enhance.enhance import enhance
+from mi_enhance.neural import baked, cooperative
+from mi_enhance.neural.enhance import enhance
 
 # Relative, for alpha >= 0.05: 6e-8 in h is 1e-6 of the lobe, four such networks and their exponentials on top.
 VALUE = 1e-4
@@ -61,7 +61,7 @@ def test_values_are_the_twins(llvm, state, inputs):
     np.testing.assert_allclose(lanes.evaluate(brdf, wi, wo, p), expected, rtol=VALUE)
 
 
-@pytest.mark.parametrize("kind", [nn.Baked, nn.Cooperative], ids=lambda k: k.__name__)
+@pytest.mark.parametrize("kind", [baked.Baked, cooperative.Cooperative], ids=lambda k: k.__name__)
 def test_rendering_evaluators_are_the_twin(llvm, kind):
     """One uniform material, folded: what a scene evaluates."""
     brdf = enhance("ggx", FINAL, seed=3)

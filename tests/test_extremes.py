@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from mi_enhance import models, terms
 from mi_enhance.analytic import alternative_terms
-from mi_enhance.enhance import enhance
+from mi_enhance.neural.enhance import enhance
 
 N, N_GRADIENTS = 2000, 40
 VALUE = 1e-4  # relative; what float32 gives wherever the rounding of its inputs is not magnified

@@ -9,9 +9,9 @@ import twin
 
 from mi_enhance.data import Measurements, clamp_negative
 from mi_enhance.data.sampling import sample_pairs
-from mi_enhance.enhance import enhance
 from mi_enhance.fit import fit
 from mi_enhance.material import Material
+from mi_enhance.neural.enhance import enhance
 
 RECOVERED = 2e-4  # log-L1 of a fit to what the model can be: 1 % of what GGX leaves on measured materials
 SMALL = {"hidden": (8, 8), "n_latent": 4}  # kernels of a small network compile quickly; the code is the same

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import twin
 
-from mi_enhance import Material, enhance, fit, nn
+from mi_enhance import Material, enhance, fit
 from mi_enhance.analytic import parameter_space, parameters
 from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import rusinkiewicz_to_directions, sample_pairs
+from mi_enhance.neural import mlp
 from mi_enhance.normalise import normalise, plain
 from mi_enhance.prior import Prior, coverage, from_library, weight
 
@@ -24,8 +25,8 @@ SAME = 2e-5  # relative: a constant moved from a colour into an exponent, in flo
 def network(seed=0, latent=4, strength=0.3):
     """A small network of ggx2 with a library of 30 materials around a mean."""
     brdf = enhance("ggx2", ("B", "G", "G2"), n_latent=latent, hidden=(8, 8), inputs="shape", modulated=True, seed=seed)
-    weaker = strength * nn.flatten(brdf.networks)
-    brdf = dataclasses.replace(brdf, networks=nn.unflatten(brdf.networks, weaker))
+    weaker = strength * mlp.flatten(brdf.networks)
+    brdf = dataclasses.replace(brdf, networks=mlp.unflatten(brdf.networks, weaker))
     rng = np.random.default_rng(seed)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
     library = np.tile(first, (30, 1))

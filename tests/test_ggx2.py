@@ -15,8 +15,9 @@ import pytest
 import twin
 import twin_networks
 
-from mi_enhance import nn
-from mi_enhance.enhance import enhance
+from mi_enhance.neural import baked, cooperative, mlp
+from mi_enhance.neural.enhance import enhance
+from mi_enhance.neural.trainable import Trainable
 
 # Relative, for alpha >= 0.05: 6e-8 in h is 1e-6 of the lobe, a few such networks and their exponentials on top.
 VALUE = 2e-4
@@ -37,9 +38,9 @@ OTHERS = {"ggx": ("F", "F*G", "G", "1/E"), "cook_torrance": ("F", "G"), "ward": 
 def shaken(model="ggx2", replace=LOBES, seed=0, modulated=True, n_latent=6, hidden=(8, 8)):
     """Networks with Xavier weights and biases that are not zero: a lost bias must show."""
     b = enhance(model, replace, inputs="shape", modulated=modulated, n_latent=n_latent, hidden=hidden, seed=seed)
-    flat = nn.flatten(b.networks)
+    flat = mlp.flatten(b.networks)
     flat = flat + np.random.default_rng(seed).normal(0, 0.1, flat.shape).astype(np.float32)
-    return dataclasses.replace(b, networks=nn.unflatten(b.networks, flat))
+    return dataclasses.replace(b, networks=mlp.unflatten(b.networks, flat))
 
 
 def log_sum(f, wo, weights=(1, 2, 3)):
@@ -59,7 +60,7 @@ def test_slots_and_parameters():
     assert [p.name for p in b.parameters][-8:] == names
     assert b.n_parameters == 17 + 1 + 27 + 3
     # 5 shapes and 27 latent numbers are folded; 7 features, and 2 more for each lobe, vary
-    assert {(m.sizes, m.n_folded) for m in b.networks.values()} == {((32 + 11, *nn.HIDDEN, 1), 32)}
+    assert {(m.sizes, m.n_folded) for m in b.networks.values()} == {((32 + 11, *mlp.HIDDEN, 1), 32)}
     assert enhance("ggx2", (), inputs="shape").n_parameters == 17  # no network, nothing that only networks read
 
 
@@ -92,7 +93,7 @@ def test_values_of_other_models_are_the_twins(llvm, name):
     np.testing.assert_allclose(lanes.evaluate(b, wi, wo, p), expected, rtol=VALUE, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", [nn.Baked, nn.Cooperative], ids=lambda k: k.__name__)
+@pytest.mark.parametrize("kind", [baked.Baked, cooperative.Cooperative], ids=lambda k: k.__name__)
 def test_rendering_evaluators_are_the_twin(llvm, kind):
     """One uniform material, folded: what a scene evaluates."""
     b = shaken(replace=TERMS, seed=3)
@@ -111,7 +112,7 @@ def test_gradients_of_parameters_and_weights_are_central_differences(llvm, model
     b, n = shaken(model, replace, seed=6, n_latent=3, hidden=(5, 4)), 400
     wi, wo = twin.pairs(n, seed=7, min_cos=0.1)
     p = twin_networks.parameters(b, 1, seed=8, alpha=(0.1, 0.8), tilt=0.0)
-    trainable, values = nn.Trainable(b.networks), lanes.parameters(p)
+    trainable, values = Trainable(b.networks), lanes.parameters(p)
     dr.enable_grad(values)
     dr.backward(dr.sum(log_sum(b(lanes.vectors(wi), lanes.vectors(wo), values, trainable), wo)))
 
@@ -120,7 +121,7 @@ def test_gradients_of_parameters_and_weights_are_central_differences(llvm, model
         return np.sum(np.log1p(f * wo[:, 2:].astype(np.float64)) @ [1, 2, 3])
 
     got = np.array(trainable.gradient(), np.float64)
-    flat = nn.flatten(b.networks).astype(np.float64)
+    flat = mlp.flatten(b.networks).astype(np.float64)
     expected = twin.central_differences(lambda x: total(p, twin_networks.unflatten(b.networks, x)), flat)
     assert (expected != 0).mean() > 0.8
     np.testing.assert_allclose(got, expected, atol=GRADIENT * np.abs(expected).max())
@@ -218,7 +219,7 @@ def test_corners_of_the_ranges_stay_finite_with_all_gradients(llvm, replace):
         between = middle.get(q.name, np.sqrt(q.low * q.high) if q.log else (q.low + q.high) / 2)
         p[q.name] = rng.choice([q.low, between, q.high], (n, q.size))
     wi, wo = twin.awkward_pairs(n, seed=12)
-    values, trainable = lanes.parameters(p), nn.Trainable(b.networks)
+    values, trainable = lanes.parameters(p), Trainable(b.networks)
     dr.enable_grad(values)
     f = b(lanes.vectors(wi), lanes.vectors(wo), values, trainable)
     a = np.array(f)

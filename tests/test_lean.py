@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from plugin_scenes import ball, bitmap, close, directions, evaluate, hit, vectors
 
-from mi_enhance import nn
-from mi_enhance.enhance import enhance
-from mi_enhance.lean import lean
 from mi_enhance.material import Material
+from mi_enhance.neural import baked, cooperative, mlp
+from mi_enhance.neural.enhance import enhance
+from mi_enhance.neural.simplify import lean
 
 N = 500
 FRAME = {"n_x": 0, "n_y": 0, "t_theta": 0}
@@ -26,7 +26,7 @@ SHAPE = {"alpha_x": 0.3, "alpha_y": 0.2, "alpha_x2": 0.5, "alpha_y2": 0.6, "F0":
 def networks():
     """Small random weights: what is left out does not depend on how good the networks are."""
     b = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
-    return dataclasses.replace(b, networks=nn.unflatten(b.networks, 0.3 * nn.flatten(b.networks)))
+    return dataclasses.replace(b, networks=mlp.unflatten(b.networks, 0.3 * mlp.flatten(b.networks)))
 
 
 def material(**values):
@@ -178,7 +178,7 @@ def test_materials_of_one_network_share_a_kernel(llvm):
         assert all(k["cache_hit"] for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT)
 
 
-@pytest.mark.parametrize("kind", (nn.Baked, nn.Cooperative, nn.Stored))
+@pytest.mark.parametrize("kind", (baked.Baked, cooperative.Cooperative, baked.Stored))
 def test_folding_in_two_parts(llvm, kind):
     """What is known first, then the rest; float32 sums in another order."""
     b = networks()
@@ -187,7 +187,7 @@ def test_folding_in_two_parts(llvm, kind):
     late = {"alpha_x": values["alpha_x"], "F0": values["F0"]}
     unknown = {p.name: [None] * p.size if p.is_colour or p.name == "latent" else None for p in b.parameters}
     begun = b.begin_fold({**values, **dict.fromkeys(late)}, evaluators)
-    at_the_hit = b.evaluators() if kind is nn.Stored else evaluators
+    at_the_hit = b.evaluators() if kind is baked.Stored else evaluators
     parts = b.fold({**unknown, **late}, at_the_hit, begun)
     for slot in b.networks:
         np.testing.assert_allclose(np.ravel(parts[slot]), np.ravel(whole[slot]), rtol=1e-5, atol=1e-6)

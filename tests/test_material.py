@@ -12,9 +12,9 @@ import pytest
 import twin
 import twin_networks
 
-from mi_enhance import nn
-from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
+from mi_enhance.neural import mlp
+from mi_enhance.neural.enhance import enhance
 from mi_enhance.system import tensor_file
 from mi_enhance.system.bundled_files import demo_data
 
@@ -81,7 +81,7 @@ def test_file_brings_everything_back_to_the_bit(llvm, tmp_path, settings):
     assert (new.brdf.inputs, new.brdf.n_latent) == (old.brdf.inputs, old.brdf.n_latent)
     kinds = lambda b: {s: (m.sizes, m.n_folded, m.modulated) for s, m in b.networks.items()}  # noqa: E731
     assert kinds(new.brdf) == kinds(old.brdf)
-    assert np.array_equal(nn.flatten(new.brdf.networks), nn.flatten(old.brdf.networks))
+    assert np.array_equal(mlp.flatten(new.brdf.networks), mlp.flatten(old.brdf.networks))
     assert np.array_equal(new.vector(), old.vector())
     assert new.report == old.report and new.lobe_albedo == old.lobe_albedo
     assert (new.library is None) == (old.library is None)
@@ -96,7 +96,7 @@ def test_dictionary_brings_everything_back_to_the_bit(llvm, settings):
     old = random_material(**settings)
     d = old.to_dict()
     new = Material.from_arrays(d["description"], d["params"], d["weights"])
-    assert np.array_equal(nn.flatten(new.brdf.networks), nn.flatten(old.brdf.networks))
+    assert np.array_equal(mlp.flatten(new.brdf.networks), mlp.flatten(old.brdf.networks))
     assert np.array_equal(new.vector(), old.vector()) and new.lobe_albedo == old.lobe_albedo
 
 
@@ -150,7 +150,7 @@ def test_edit_refuses_what_is_out_of_range(values, message):
 
 
 def test_show_names_equation_parameters_and_report():
-    m = random_material(hidden=nn.HIDDEN).edit(rho_d=(0.25, 0.5, 1))
+    m = random_material(hidden=mlp.HIDDEN).edit(rho_d=(0.25, 0.5, 1))
     text = m.show()
     assert text.splitlines()[0] == EQUATION
     assert "rho_d    0.25 0.5 1" in text and "log_l1: 0.0125" in text and "name: gold" in text

@@ -20,12 +20,13 @@ import twin
 from plugin_scenes import ball, render_attached
 from test_models import USUAL, given, materials
 
-from mi_enhance import cli, data, enhance, models, nn
+from mi_enhance import cli, data, enhance, models
 from mi_enhance.analytic import geometry, parameters
 from mi_enhance.analytic.text_model import toml_model
 from mi_enhance.data.sampling import sample_pairs
 from mi_enhance.fit import fit
 from mi_enhance.material import Material
+from mi_enhance.neural.mlp import flatten, unflatten
 from mi_enhance.normalise import normalise
 
 # Relative: log(h_z) has an error of 6e-8, which the text multiplies by an exponent of up to 800.
@@ -244,9 +245,9 @@ def test_networks_have_the_outputs_of_their_terms(llvm):
 def test_enhanced_model_is_fitted_normalised_saved_and_loaded(llvm, tmp_path):
     """normalise() scales by a factor of the summand: N, not D, which stands inside of a sum."""
     brdf = enhance(models.from_expression(TWISTED), ("B", "D", "N"), inputs="shape", hidden=(4,), n_latent=2)
-    flat = nn.flatten(brdf.networks)
+    flat = flatten(brdf.networks)
     flat = flat + np.random.default_rng(0).normal(0, 0.3, flat.shape).astype(np.float32)
-    brdf = dataclasses.replace(brdf, networks=nn.unflatten(brdf.networks, flat))
+    brdf = dataclasses.replace(brdf, networks=unflatten(brdf.networks, flat))
     before = Material(brdf, {"rho_d": (0.1, 0.2, 0.3), "rho_s": (0.2, 0.1, 0.05), "n": 30.0, "twist": -0.5})
     after = normalise(before)
     wi, wo = sample_pairs(300, seed=0, min_cos=0.05)

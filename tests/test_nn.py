@@ -10,18 +10,21 @@ import twin
 import twin_networks
 from lanes import floats
 
-from mi_enhance import enhance, nn
+from mi_enhance import enhance
+from mi_enhance.neural import baked, cooperative
+from mi_enhance.neural.mlp import HIDDEN, MLP, flatten, unflatten, xavier
+from mi_enhance.neural.trainable import Trainable
 
 FORWARD = 3e-6  # relative to the largest output; four float32 layers of up to 45 terms
 GRADIENT = 1e-5  # the same, back and forth
 N = 64  # lanes
 
 SHAPES = {
-    "node": ((45, *nn.HIDDEN, 1), 39),
-    "colour": ((39, *nn.HIDDEN, 3), 39),
-    "operator": ((2, *nn.HIDDEN, 1), 0),
-    "modulated": ((45, *nn.HIDDEN, 1), 39, True),
-    "modulated colour": ((39, *nn.HIDDEN, 3), 39, True),
+    "node": ((45, *HIDDEN, 1), 39),
+    "colour": ((39, *HIDDEN, 3), 39),
+    "operator": ((2, *HIDDEN, 1), 0),
+    "modulated": ((45, *HIDDEN, 1), 39, True),
+    "modulated colour": ((39, *HIDDEN, 3), 39, True),
 }
 
 
@@ -29,9 +32,9 @@ def network(kind, seed=0):
     """Xavier weights, and biases that are not zero: a lost bias must show."""
     rng = np.random.default_rng(seed)
     sizes, n_folded, *modulated = SHAPES[kind]
-    mlp = nn.xavier(sizes, n_folded, rng, *modulated)
+    mlp = xavier(sizes, n_folded, rng, *modulated)
     layers = tuple((w, (b + rng.normal(0, 0.3, b.shape)).astype(np.float32)) for w, b in mlp.layers)
-    return nn.MLP(layers, mlp.n_folded, mlp.modulated)
+    return MLP(layers, mlp.n_folded, mlp.modulated)
 
 
 def inputs(mlp, n=N, seed=1):
@@ -41,7 +44,7 @@ def inputs(mlp, n=N, seed=1):
 
 
 def evaluator(kind, mlp):
-    return nn.Trainable({"F": mlp})["F"] if kind is nn.Trainable else kind(mlp)
+    return Trainable({"F": mlp})["F"] if kind is Trainable else kind(mlp)
 
 
 def run(net, mlp, x):
@@ -75,7 +78,7 @@ def test_module_sizes_are_the_papers(slot, sizes, n_folded):
 
 def test_xavier_fills_its_range_and_nothing_else():
     """Uniform within sqrt(6 / (in + out)): standard deviation is the limit over sqrt(3)."""
-    mlp = nn.xavier((45, *nn.HIDDEN, 1), 39, np.random.default_rng(3))
+    mlp = xavier((45, *HIDDEN, 1), 39, np.random.default_rng(3))
     for (w, b), n_in, n_out in zip(mlp.layers, mlp.sizes, mlp.sizes[1:], strict=False):
         limit = np.sqrt(6 / (n_in + n_out))
         assert w.dtype == np.float32 and w.shape == (n_out, n_in) and not b.any()
@@ -88,7 +91,7 @@ def test_xavier_fills_its_range_and_nothing_else():
 def test_modulated_last_layer_starts_as_xaviers_and_moves_as_far_with_the_material():
     """Folded inputs of 0 leave what Xavier draws without modulation; inputs of size 1 add about as much again."""
     sizes, n_folded = SHAPES["node"]
-    plain, own = (nn.xavier(sizes, n_folded, np.random.default_rng(5), m) for m in (False, True))
+    plain, own = (xavier(sizes, n_folded, np.random.default_rng(5), m) for m in (False, True))
     assert own.sizes == plain.sizes and own.n_weights == plain.n_weights - 17 + 17 * (39 + 1)
     (w, b), (matrix, offset) = plain.layers[-1], own.layers[-1]
     assert np.array_equal(offset, np.append(w, b)) and offset.dtype == matrix.dtype == np.float32
@@ -103,17 +106,17 @@ def test_operators_are_never_modulated():
 
 
 def test_same_seed_gives_the_same_weights():
-    a, b, c = (nn.flatten(enhance("ggx", seed=s).networks) for s in (5, 5, 6))
+    a, b, c = (flatten(enhance("ggx", seed=s).networks) for s in (5, 5, 6))
     assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
 def test_flatten_and_unflatten_are_inverse():
     kinds = [("M", "colour"), ("F", "node"), ("F*G", "operator"), ("S", "modulated colour"), ("G", "modulated")]
     networks = {slot: network(kind) for slot, kind in kinds}
-    flat = nn.flatten(networks)
+    flat = flatten(networks)
     assert flat.dtype == np.float32 and len(flat) == sum(m.n_weights for m in networks.values())
     template = {slot: network(kind, 9) for slot, kind in kinds}
-    back = nn.unflatten(template, flat)
+    back = unflatten(template, flat)
     for slot, mlp in networks.items():
         assert (back[slot].n_folded, back[slot].modulated) == (mlp.n_folded, mlp.modulated)
         for (w, b), (w2, b2) in zip(mlp.layers, back[slot].layers, strict=True):
@@ -121,13 +124,13 @@ def test_flatten_and_unflatten_are_inverse():
     for slot, mlp in twin_networks.unflatten(template, flat).items():  # the order as the twin knows it
         for ours, theirs in zip(networks[slot].layers, mlp.layers, strict=True):
             assert all(np.array_equal(v, v2) for v, v2 in zip(ours, theirs, strict=True))
-    assert nn.flatten({}).shape == (0,)
+    assert flatten({}).shape == (0,)
 
 
 # ---------------------------------------------------------------------- values
 
 
-@pytest.mark.parametrize("kind", [nn.Baked, nn.Cooperative, nn.Trainable], ids=lambda k: k.__name__)
+@pytest.mark.parametrize("kind", [baked.Baked, cooperative.Cooperative, Trainable], ids=lambda k: k.__name__)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_evaluators_are_the_twin(llvm, kind, shape):
     mlp = network(shape)
@@ -142,7 +145,7 @@ def test_half_precision_is_near_the_twin(llvm, shape):
     mlp = network(shape)
     x = inputs(mlp)
     expected = twin_networks.mlp(mlp, x)
-    got = run(nn.Cooperative(mlp, half=True), mlp, x)
+    got = run(cooperative.Cooperative(mlp, half=True), mlp, x)
     np.testing.assert_allclose(got, expected, atol=5e-3 * np.abs(expected).max())
 
 
@@ -150,9 +153,9 @@ def test_half_precision_is_near_the_twin(llvm, shape):
 def test_half_precision_stays_in_its_range(llvm, shape):
     """Weights and parameters that take a layer beyond 65504, both signs at once: no infinity less infinity."""
     mlp = network(shape)
-    large = nn.MLP(tuple((30 * w, 30 * b) for w, b in mlp.layers), mlp.n_folded, mlp.modulated)
+    large = MLP(tuple((30 * w, 30 * b) for w, b in mlp.layers), mlp.n_folded, mlp.modulated)
     assert np.abs(twin_networks.mlp(large, 100 * inputs(mlp))).max() > 65504
-    assert np.isfinite(run(nn.Cooperative(large, half=True), large, 100 * inputs(mlp))).all()
+    assert np.isfinite(run(cooperative.Cooperative(large, half=True), large, 100 * inputs(mlp))).all()
 
 
 @pytest.mark.parametrize("shape", ["node", "modulated"])
@@ -161,7 +164,7 @@ def test_folding_is_exact_for_a_uniform_material(llvm, shape):
     mlp = network(shape)
     x = inputs(mlp)
     x[:, :39] = x[0, :39]
-    net = nn.Baked(mlp)
+    net = baked.Baked(mlp)
     bias = net.fold([mi.Float(v) for v in x[0, :39]])
     assert all(len(b) == 1 for b in bias)
     got = np.array(net(floats(x[:, 39:]), bias)[0])
@@ -188,7 +191,7 @@ def jacobian(mlp, x):
 
 
 @pytest.mark.parametrize("shape", ["node", "operator", "modulated"])
-@pytest.mark.parametrize("kind", [nn.Baked, nn.Trainable], ids=lambda k: k.__name__)
+@pytest.mark.parametrize("kind", [baked.Baked, Trainable], ids=lambda k: k.__name__)
 def test_reverse_mode_is_central_differences(llvm, kind, shape):
     mlp = network(shape)
     x = inputs(mlp, 200)
@@ -216,7 +219,7 @@ def test_baked_forward_mode_is_central_differences(llvm, wrt, shape):
         tangent[:, :39] = 0
     elif wrt == "bias":
         tangent[:, 39:] = 0
-    net, values, directions = nn.Baked(mlp), floats(x), floats(tangent)
+    net, values, directions = baked.Baked(mlp), floats(x), floats(tangent)
     moving = {"x": values[39:], "bias": values[:39], "both": values}[wrt]
     dr.enable_grad(moving)
     (y,) = net(values[39:], net.fold(values[:39]))
@@ -233,7 +236,7 @@ def test_baked_gradient_of_what_is_folded_is_summed_over_the_lanes(llvm, shape):
     x = inputs(mlp, 200)
     x[:, :39] = x[0, :39]
     x = x[smooth_enough(mlp, x)]
-    net, one = nn.Baked(mlp), [mi.Float(v) for v in x[0, :39]]
+    net, one = baked.Baked(mlp), [mi.Float(v) for v in x[0, :39]]
     dr.enable_grad(one)
     (y,) = net(floats(x[:, 39:]), net.fold(one))
     dr.backward(dr.sum(y))
@@ -249,7 +252,7 @@ def test_trainable_weight_gradient_is_central_differences(llvm, shape):
     x = x[smooth_enough(mlp, x)][:40]
     seeds = np.random.default_rng(4).normal(0, 1, (len(x), mlp.sizes[-1])).astype(np.float32).astype(np.float64)
     both = {"other": network("operator", 7), "F": mlp}
-    trainable = nn.Trainable(both)
+    trainable = Trainable(both)
     net = trainable["F"]
     y = net(floats(x[:, mlp.n_folded :]), net.fold(floats(x[:, : mlp.n_folded])))
     dr.backward(dr.sum(sum(v * s for v, s in zip(y, floats(seeds), strict=True))))
@@ -260,14 +263,14 @@ def test_trainable_weight_gradient_is_central_differences(llvm, shape):
     def total(flat):
         return np.sum(twin_networks.mlp(twin_networks.unflatten({"F": mlp}, flat)["F"], x) * seeds)
 
-    expected = twin.central_differences(total, nn.flatten({"F": mlp}).astype(np.float64))
+    expected = twin.central_differences(total, flatten({"F": mlp}).astype(np.float64))
     np.testing.assert_allclose(got[other:], expected, atol=GRADIENT * np.abs(expected).max())
 
 
 def test_trainable_sums_all_backward_passes_once(llvm):
     mlp = network("operator")
     x = inputs(mlp, 32)
-    trainable = nn.Trainable({"F": mlp})
+    trainable = Trainable({"F": mlp})
 
     def backward():
         (y,) = trainable["F"](floats(x), [])
@@ -283,4 +286,4 @@ def test_trainable_sums_all_backward_passes_once(llvm):
 
 def test_trainable_gives_its_weights_back(llvm):
     networks = {"F": network("node"), "F*G": network("operator")}
-    assert np.array_equal(nn.flatten(nn.Trainable(networks).networks()), nn.flatten(networks))
+    assert np.array_equal(flatten(Trainable(networks).networks()), flatten(networks))

@@ -12,7 +12,7 @@ import twin_networks
 
 from mi_enhance import losses
 from mi_enhance.analytic import parameters
-from mi_enhance.enhance import enhance
+from mi_enhance.neural.enhance import enhance
 from mi_enhance.objective import Objective
 
 LOSS = 1e-5  # relative; float32 logarithms of float32 reflectance, averaged

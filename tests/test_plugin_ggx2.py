@@ -14,19 +14,20 @@ from plugin_scenes import ball, bitmap, close, directions, evaluate, hit, vector
 from test_plugin_sampling import NOISE, QUADRATURE, SIGNIFICANCE, albedo_by_sampling, view
 from test_sampling_lobes import cells
 
-from mi_enhance import nn, sampling
+from mi_enhance import sampling
 from mi_enhance.data import Measurements
 from mi_enhance.data.sampling import sample_pairs
-from mi_enhance.enhance import enhance
 from mi_enhance.fit import fit
 from mi_enhance.imitate import imitate
 from mi_enhance.material import Material
+from mi_enhance.neural import mlp
+from mi_enhance.neural.enhance import enhance
 
 
 def random_networks():
     """Small random weights: nothing about sampling depends on how good the networks are."""
     b = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
-    b = dataclasses.replace(b, networks=nn.unflatten(b.networks, 0.3 * nn.flatten(b.networks)))
+    b = dataclasses.replace(b, networks=mlp.unflatten(b.networks, 0.3 * mlp.flatten(b.networks)))
     p = {k: v[0] for k, v in twin_networks.parameters(b, 1, seed=2).items()}
     frame = {"n_x": 0.1, "n_y": -0.05, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.3, "alpha_x2": 0.5, "alpha_y2": 0.6}
     m = Material(b, {**p, **frame, "rho_d": (0.3, 0.2, 0.1), "rho_s": (0.5, 0.4, 0.2), "rho_s2": 0.3, "F0": 0.3})

@@ -9,8 +9,8 @@ import pytest
 from plugin_scenes import SUMMATION, VALUES, ball, bitmap, material, scene
 
 import mi_enhance
-from mi_enhance.enhance import enhance
 from mi_enhance.material import Material
+from mi_enhance.neural.enhance import enhance
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 # Relative, of a mean over the ball: colours are products of spectra in one variant and of RGB in the other, and

@@ -18,9 +18,10 @@ import pytest
 import mi_enhance  # noqa: F401  (before mitsuba)
 
 import mitsuba as mi  # isort: skip
-from mi_enhance import candidate, data, models, nn, search, state
+from mi_enhance import candidate, data, models, search, state
 from mi_enhance.data.assorted import assorted
 from mi_enhance.material import Material
+from mi_enhance.neural import mlp
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from planted import first_change  # noqa: E402
@@ -43,7 +44,7 @@ def run(folder, **settings):
 
 
 def weights(folder):
-    return nn.flatten(Material.load(folder / "network.bsdf").brdf.networks)
+    return mlp.flatten(Material.load(folder / "network.bsdf").brdf.networks)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +80,7 @@ def test_the_network_is_the_last_state_and_carries_the_log(finished):
     assert str(network.brdf) == str(found.network.brdf) == found.stages[-1]["equation"]
     assert len(network.library) == 3 and network.report["library"] == [m.name for m in materials()]
     assert [s["change"] for s in network.report["stages"]] == [s["change"] for s in found.stages]
-    np.testing.assert_array_equal(weights(folder), nn.flatten(found.network.brdf.networks))
+    np.testing.assert_array_equal(weights(folder), mlp.flatten(found.network.brdf.networks))
 
 
 def test_candidates_start_where_their_parent_is(finished):
@@ -234,7 +235,7 @@ def test_a_killed_process_loses_nothing(llvm, tmp_path):
         finally:
             process.stderr.close()
     assert kills
-    a, b = (nn.flatten(Material.load(tmp_path / n / "net.bsdf").brdf.networks) for n in ("whole", "killed"))
+    a, b = (mlp.flatten(Material.load(tmp_path / n / "net.bsdf").brdf.networks) for n in ("whole", "killed"))
     np.testing.assert_array_equal(a, b)
 
 

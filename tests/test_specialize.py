@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from plugin_scenes import close, directions, evaluate
 
-from mi_enhance import compact, data, distil, prune
+from mi_enhance import data, distil, prune
 from mi_enhance.cli import main
 from mi_enhance.data import synthetic
 from mi_enhance.data.sampling import sample_pairs
-from mi_enhance.enhance import enhance
 from mi_enhance.fit import fit
 from mi_enhance.losses import log_l1
 from mi_enhance.material import Material
+from mi_enhance.neural import distilled_network
+from mi_enhance.neural.enhance import enhance
 from mi_enhance.specialize import specialize
 
 N = 4000
@@ -182,8 +183,8 @@ def test_damaged_networks_are_refused(llvm, tmp_path):
         (c.describe(), np.append(c.flat, np.float32(0))),
     ):
         with pytest.raises(ValueError, match="compact network"):
-            compact.restore([description], flat)
-    (again,) = compact.restore([c.describe()], c.flat)
+            distilled_network.restore([description], flat)
+    (again,) = distilled_network.restore([c.describe()], c.flat)
     assert dataclasses.astuple(again)[:2] == (c.slots, c.inputs)
     tensors = fast().to_dict()
     with pytest.raises(ValueError, match="Specialize it again"):
@@ -229,7 +230,7 @@ def test_network_without_any_kink_is_an_affine_function_that_can_be_kept():
     x = {"cos_d": rng.random(50), "product": rng.random(50)}
     small = prune.prune("B", layers, x)
     assert small.sizes == (2, 1)
-    (again,) = compact.restore(json.loads(json.dumps([small.describe()])), small.flat)
+    (again,) = distilled_network.restore(json.loads(json.dumps([small.describe()])), small.flat)
     y = np.stack(list(x.values()), 1)
     wanted = y
     for w, b in layers:

@@ -11,9 +11,10 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 
 import mitsuba as mi  # isort: skip
 
-from mi_enhance import enhance, features, models, state
+from mi_enhance import enhance, models, state
 from mi_enhance.analytic import alternative_terms, geometry, parameters
 from mi_enhance.material import Material
+from mi_enhance.neural import inputs
 
 GGX = models.get("ggx")
 SIZES = ((8, 8), (4,))
@@ -152,8 +153,8 @@ def own(slot, wi, wo, model="ggx2"):
     vectors = [lanes.vectors(w) for w in (wi, wo)]
     record = {**geometry.quantities(*vectors), **{name: mi.Float(v) for name, v in p.items()}}
     node = models.get(model).graph.find(slot)
-    (columns,) = features.of_directions(record, "own", *vectors, [node]).values()
-    assert len(columns) == features.n_of_directions(models.get(model), "own", node)
+    (columns,) = inputs.of_directions(record, "own", *vectors, [node]).values()
+    assert len(columns) == inputs.n_of_directions(models.get(model), "own", node)
     return np.stack([np.array(c) for c in columns], -1)
 
 

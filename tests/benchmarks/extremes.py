@@ -19,7 +19,7 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish
 
-from mi_enhance import nn
+from mi_enhance.neural import cooperative
 from mi_enhance.timing import machine
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # the tests: cases and twin
@@ -99,7 +99,7 @@ def _half_precision(material, case: str, args) -> np.ndarray:
     """What networks in half precision change, relative as the other errors, (samples,)."""
     brdf = material.brdf
     drawn = cases.draw(cases.CASES[case], brdf, args.samples, args.seed)
-    kinds = nn.Cooperative, functools.partial(nn.Cooperative, half=True)
+    kinds = cooperative.Cooperative, functools.partial(cooperative.Cooperative, half=True)
     full, half = (np.array(brdf(*drawn, brdf.evaluators(kind)), np.float64) for kind in kinds)
     return np.abs(half - full).max(0) / np.maximum(np.abs(full).max(0), cases.DARK)
 

@@ -11,10 +11,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import features, models, nn
+from mi_enhance import models
 from mi_enhance.analytic import parameters
 from mi_enhance.analytic.graph import Node
-from mi_enhance.enhance import EnhancedBRDF
+from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
+from mi_enhance.neural.inputs import n_of_directions, n_of_parameters
+from mi_enhance.neural.mlp import MLP, xavier
 
 SMALL, LARGE = (32, 64, 64, 16), (32, 64, 128, 128, 64)  # the paper's: as large as its modules, and five times
 
@@ -35,8 +37,8 @@ def with_residual(name: str, hidden, *, n_latent: int, inputs: str = "shape", se
     r = Node("R", lambda **_: 0.0, inputs=names)
     graph = Node("f+R", lambda a, b: dr.maximum(a + b, 0), (model.graph, r), "+")
     model = dataclasses.replace(model, name=f"{name} + residual", graph=graph)
-    n_params = features.n_of_parameters(model, inputs) + n_latent
-    n_directions = features.n_of_directions(model, inputs, r)
-    mlp = nn.xavier((n_params + n_directions, *hidden, 3), n_params, np.random.default_rng(seed))
+    n_params = n_of_parameters(model, inputs) + n_latent
+    n_directions = n_of_directions(model, inputs, r)
+    mlp = xavier((n_params + n_directions, *hidden, 3), n_params, np.random.default_rng(seed))
     *layers, (w, b) = mlp.layers
-    return Residual(model, {"R": nn.MLP((*layers, (0 * w, b)), n_params)}, n_latent, inputs)
+    return Residual(model, {"R": MLP((*layers, (0 * w, b)), n_params)}, n_latent, inputs)

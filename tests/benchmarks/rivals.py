@@ -20,9 +20,10 @@ import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import Material, fit, models, nn
+from mi_enhance import Material, fit, models
 from mi_enhance import rivals as models_of_others
 from mi_enhance.data import Measurements, nbrdf, nps
+from mi_enhance.neural import trainable
 from mi_enhance.system.bundled_files import network_file
 from mi_enhance.system.files import replacing
 
@@ -169,7 +170,7 @@ def _run_material(start: Material, args) -> Callable:
 
 def evaluate(material: Material, wi, wo) -> np.ndarray:
     """f_r as an array (N, 3), like ``material.evaluate``, whose baked weights take a minute to compile."""
-    evaluators = nn.Trainable(material.brdf.networks)
+    evaluators = trainable.Trainable(material.brdf.networks)
     dr.disable_grad(evaluators.weights)
     wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
     return np.array(material.brdf(wi, wo, _lanes(material), evaluators)).T

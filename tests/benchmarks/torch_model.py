@@ -10,8 +10,8 @@ import sys
 
 import numpy as np
 
-from mi_enhance import nn
-from mi_enhance.enhance import EnhancedBRDF
+from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
+from mi_enhance.neural.mlp import MLP, SLOPE, flatten
 
 _UP = (0.0, 0.0, 1.0)
 
@@ -76,8 +76,8 @@ class TorchModel:
         for slot, parts in self.weights.items():
             g = [next(rest).numpy() if v.numel() else v.detach().numpy() for v in parts]
             pairs = [(np.concatenate(g[:2], 1), g[2]), *zip(g[3::2], g[4::2], strict=True)]
-            layers[slot] = nn.MLP(tuple(pairs), networks[slot].n_folded)
-        return nn.flatten(layers), parameters.numpy().T.ravel()
+            layers[slot] = MLP(tuple(pairs), networks[slot].n_folded)
+        return flatten(layers), parameters.numpy().T.ravel()
 
     def _network(self, slot, constant, x):
         linear, relu = self.torch.nn.functional.linear, self.torch.nn.functional.leaky_relu
@@ -89,7 +89,7 @@ class TorchModel:
         else:
             z = linear(self.torch.cat([constant[:, None].expand(-1, x.shape[1], -1), x], -1), w, b)
         for w, b in zip(rest[::2], rest[1::2], strict=True):
-            z = linear(relu(z, nn.SLOPE), w, b)
+            z = linear(relu(z, SLOPE), w, b)
         return self.torch.exp(self.torch.clamp(z[..., 0], -30, 30))
 
     def _loss(self):

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 import mitsuba as mi
 import numpy as np
 
-from .analytic import parameters
-from .enhance import EnhancedBRDF
+from ..analytic import parameters
+from .enhanced_brdf import EnhancedBRDF
 
 
 def lean(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[EnhancedBRDF, frozenset[str]]:

@@ -12,7 +12,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from . import features, nn
+from . import baked
+from . import inputs as inputs_module
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Compact:
     slots : tuple of str
         What the outputs stand for; an operator stands for all that it joins.
     inputs : tuple of str
-        Names of features, see :func:`mi_enhance.features.named`.
+        Names of features, see :func:`mi_enhance.neural.inputs.named`.
     layers : tuple of (W, b)
         Every layer sees the inputs and all that the layers before it give: W has shape
         (out, inputs + all hidden units so far). Leaky ReLU, the last layer is linear. What is 0 costs nothing.
@@ -57,8 +58,8 @@ class Compact:
 
     def __call__(self, record: Mapping) -> list:
         """Outputs for the quantities and parameters of a record."""
-        named = features.named(record)
-        return nn.dense(self.layers, [named[name] for name in self.inputs])
+        named = inputs_module.named(record)
+        return baked.dense(self.layers, [named[name] for name in self.inputs])
 
     def without(self, slots: Collection[str], inputs: Collection[str]) -> Compact | None:
         """The same network without some outputs, and without inputs that are 0; None if no output is left."""
@@ -97,9 +98,14 @@ def restore(descriptions: Sequence[Mapping], flat: np.ndarray) -> tuple[Compact,
     result, start = [], 0
     for d in descriptions:
         slots, inputs, hidden = tuple(d["slots"]), tuple(d["inputs"]), [int(n) for n in d["hidden"]]
-        unknown = set(inputs) - set(features.NAMES)
+        unknown = set(inputs) - set(inputs_module.NAMES)
         # before any array is made: a few characters must not ask for all the memory there is
-        if unknown or len(hidden) > 8 or any(not 0 < n <= 1024 for n in hidden) or len(inputs) > len(features.NAMES):
+        if (
+            unknown
+            or len(hidden) > 8
+            or any(not 0 < n <= 1024 for n in hidden)
+            or len(inputs) > len(inputs_module.NAMES)
+        ):
             raise ValueError(f"compact network {slots}: hidden layers {hidden[:8]} or inputs {sorted(unknown)} unknown")
         layers, seen = [], len(inputs)
         for n in (*hidden, len(slots)):

@@ -19,9 +19,9 @@ from collections.abc import Iterable, Mapping
 
 import drjit as dr
 
-from .analytic import parameters
-from .analytic.graph import Node
-from .analytic.models.model import Model
+from ..analytic import parameters
+from ..analytic.graph import Node
+from ..analytic.models.model import Model
 
 INPUTS = ("shape", "own", "symmetric", "directions")
 COLOURLESS = ("shape", "own")  # whose networks see no colour, and may tell viewer from light
@@ -160,7 +160,7 @@ def _sin_theta_d(q: Mapping):
 def _asymmetric_features(q: Mapping) -> list:
     """What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal.
 
-    Left out where :mod:`mi_enhance.lean` has left out the parameter, and the networks' inputs with it.
+    Left out where :mod:`mi_enhance.neural.simplify` has left out the parameter, and the networks' inputs with it.
     """
     if "asymmetry" not in q:
         return []

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from . import features, nn
-from .analytic import geometry, models, parameters
-from .analytic.graph import Node
-from .analytic.models.model import Model
-from .compact import Compact
-from .features import COLOURLESS, INPUTS
-
-# What "symmetric" and "directions" make the inputs of, see features.py.
-_READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}
+from ..analytic import geometry, parameters
+from ..analytic.graph import Node
+from ..analytic.models.model import Model
+from . import baked
+from .distilled_network import Compact
+from .inputs import COLOURLESS, names_of_parameters, of_directions, of_parameters
+from .mlp import MLP
 
 # Outputs of a network are logarithms of what they stand for, so every term stays positive and a product of terms is
 # a sum that is easy to learn. Products must stay within float32's 3e38: two networks beside S, D and 1/E, which reach
@@ -41,13 +38,13 @@ class EnhancedBRDF:
     n_latent : int
         Number of neural parameters per material.
     inputs : {"symmetric", "shape", "own", "directions"}
-        What the networks see, see :mod:`mi_enhance.features`.
+        What the networks see, see :mod:`mi_enhance.neural.inputs`.
     compact : tuple of Compact
         Small networks that stand in for `networks`, for one set of parameters, see :mod:`mi_enhance.specialize`.
     """
 
     model: Model
-    networks: Mapping[str, nn.MLP]
+    networks: Mapping[str, MLP]
     n_latent: int = 27
     inputs: str = "symmetric"
     compact: tuple[Compact, ...] = ()
@@ -62,7 +59,7 @@ class EnhancedBRDF:
         return (*self.model.parameters, *asymmetry, *latent, *norms)
 
     @property
-    def evaluated(self) -> dict[str, nn.MLP]:
+    def evaluated(self) -> dict[str, MLP]:
         """Those of the networks that no compact one stands in for."""
         covered = {slot for c in self.compact for name in c.slots for slot in self.model.graph.find(name).slots}
         return {slot: mlp for slot, mlp in self.networks.items() if slot not in covered}
@@ -72,7 +69,7 @@ class EnhancedBRDF:
         """Names of the parameters that are folded into the networks."""
         if not any(m.n_folded for m in self.evaluated.values()):
             return ()
-        return (*features.names_of_parameters(self.model, self.inputs), *(("latent",) if self.n_latent else ()))
+        return (*names_of_parameters(self.model, self.inputs), *(("latent",) if self.n_latent else ()))
 
     @property
     def n_weights(self) -> int:
@@ -110,7 +107,7 @@ class EnhancedBRDF:
     def __str__(self) -> str:
         return str(self.model.graph.replace(dict.fromkeys(self.networks)))
 
-    def evaluators(self, kind: type = nn.Baked) -> dict:
+    def evaluators(self, kind: type = baked.Baked) -> dict:
         """One evaluator per slot: ``nn.Baked`` or ``nn.Cooperative``."""
         return {slot: kind(mlp) for slot, mlp in self.evaluated.items()}
 
@@ -141,9 +138,7 @@ class EnhancedBRDF:
     def _fold(self, params: Mapping, evaluators: Mapping, begun: Mapping | None) -> dict[str, list[mi.Float]]:
         # Operators see their operands only: with no other network the material has no latent numbers to read.
         constant = (
-            features.of_parameters(params, self.inputs, self.model)
-            if any(m.n_folded for m in self.evaluated.values())
-            else []
+            of_parameters(params, self.inputs, self.model) if any(m.n_folded for m in self.evaluated.values()) else []
         )
         more = (lambda slot: ()) if begun is None else (lambda slot: (begun[slot],))
         return {
@@ -215,7 +210,7 @@ class EnhancedBRDF:
     def _functions(self, record: Mapping, wi, wo, evaluators: Mapping, folded: Mapping) -> dict:
         """The callables that stand in for the slots with networks."""
         nodes = [self.model.graph.find(slot) for slot in self.evaluated]
-        x, limits = features.of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
+        x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
         functions = {
             slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in self.evaluated
         }
@@ -277,90 +272,3 @@ def _operator(evaluator, bias, a, b, limit: float):
         return one(a, b)
     channel = lambda v, k: v[k] if dr.depth_v(v) > 1 else v  # noqa: E731
     return (type(a) if dr.depth_v(a) > 1 else type(b))(*(one(channel(a, k), channel(b, k)) for k in range(n)))
-
-
-def enhance(
-    model: Model | str,
-    replace: Iterable[str] | Mapping[str, Sequence[int]] = ("F", "F*G", "G", "1/E"),
-    *,
-    n_latent: int = 27,
-    hidden: Sequence[int] = nn.HIDDEN,
-    inputs: str = "symmetric",
-    modulated: bool = False,
-    seed: int = 0,
-) -> EnhancedBRDF:
-    """Replace slots of an analytic model by networks with Xavier weights.
-
-    Parameters
-    ----------
-    model : Model or str
-        An analytic model or its name.
-    replace : iterable of str, or dict of str to sequence of int
-        Slots to replace, all by networks of the sizes `hidden` or each by one of its own; the default is the paper's
-        final state.
-    n_latent : int
-        Neural parameters per material.
-    hidden : sequence of int
-        Hidden layer sizes.
-    inputs : {"symmetric", "shape", "own", "directions"}
-        See :class:`EnhancedBRDF`.
-    modulated : bool
-        Let the last layer of the networks of terms belong to the material, see :class:`mi_enhance.nn.MLP`.
-    seed : int
-        Of the initial weights.
-
-    Returns
-    -------
-    EnhancedBRDF
-
-    Raises
-    ------
-    KeyError
-        If `replace` names a slot the model does not have; the message lists the slots.
-    ValueError
-        For unknown `inputs`, or if the networks would read parameters that the model does not have.
-
-    Examples
-    --------
-    >>> brdf = enhance("ggx")
-    >>> print(brdf, brdf.n_weights)
-    M + S * D * [F] [*] [G] * [1/E] 6612
-    """
-    model = models.get(model) if isinstance(model, str) else model
-    if inputs not in INPUTS:
-        raise ValueError(f'enhance(): inputs="{inputs}" is unknown. Choose one of: {", ".join(INPUTS)}.')
-    replace = dict(replace) if isinstance(replace, Mapping) else dict.fromkeys(replace, hidden)
-    for name in sorted(replace):
-        model.graph.find(name)
-    missing = _READ_BY_NETWORKS - {p.name for p in model.parameters}
-    if replace and missing and inputs not in COLOURLESS:
-        raise ValueError(
-            f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
-            'Use inputs="shape", or the model as it is, replace=().'
-        )
-    extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - set(parameters.FRAME)
-    if extra and inputs not in COLOURLESS and not all(model.graph.find(name).args for name in replace):
-        raise ValueError(
-            f'enhance(): inputs="{inputs}" has no place for {", ".join(sorted(extra))} of model "{model.name}". '
-            'Use inputs="shape".'
-        )
-    rng = np.random.default_rng(seed)
-    n_params = features.n_of_parameters(model, inputs) + n_latent
-    networks = {}
-    for node in model.graph.walk():
-        if node.name in replace:
-            folded, varying, out = _sizes(node, model, n_params, features.n_of_directions(model, inputs, node))
-            networks[node.name] = nn.xavier(
-                (folded + varying, *replace[node.name], out), folded, rng, modulated and folded > 0
-            )
-    return EnhancedBRDF(model, networks, n_latent, inputs)
-
-
-def _sizes(node: Node, model: Model, n_params: int, n_directional: int) -> tuple[int, int, int]:
-    """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
-    if node.args:
-        return 0, 2, 1
-    directional = node.reads(geometry.QUANTITIES)
-    # A term that reads a colour stands for one (M, S), any other for a scalar (D, F, G, 1/E).
-    colour = node.reads(parameters.colours(model.parameters))
-    return n_params, n_directional if directional else 0, 3 if colour else 1

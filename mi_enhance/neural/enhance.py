@@ -1,0 +1,104 @@
+"""Put modules into the slots of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ..analytic import geometry, models, parameters
+from ..analytic.graph import Node
+from ..analytic.models.model import Model
+from . import mlp
+from .enhanced_brdf import EnhancedBRDF
+from .inputs import COLOURLESS, INPUTS, n_of_directions, n_of_parameters
+
+# What "symmetric" and "directions" make the inputs of, see features.py.
+_READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}
+
+
+def enhance(
+    model: Model | str,
+    replace: Iterable[str] | Mapping[str, Sequence[int]] = ("F", "F*G", "G", "1/E"),
+    *,
+    n_latent: int = 27,
+    hidden: Sequence[int] = mlp.HIDDEN,
+    inputs: str = "symmetric",
+    modulated: bool = False,
+    seed: int = 0,
+) -> EnhancedBRDF:
+    """Replace slots of an analytic model by networks with Xavier weights.
+
+    Parameters
+    ----------
+    model : Model or str
+        An analytic model or its name.
+    replace : iterable of str, or dict of str to sequence of int
+        Slots to replace, all by networks of the sizes `hidden` or each by one of its own; the default is the paper's
+        final state.
+    n_latent : int
+        Neural parameters per material.
+    hidden : sequence of int
+        Hidden layer sizes.
+    inputs : {"symmetric", "shape", "own", "directions"}
+        See :class:`EnhancedBRDF`.
+    modulated : bool
+        Let the last layer of the networks of terms belong to the material, see :class:`mi_enhance.neural.mlp.MLP`.
+    seed : int
+        Of the initial weights.
+
+    Returns
+    -------
+    EnhancedBRDF
+
+    Raises
+    ------
+    KeyError
+        If `replace` names a slot the model does not have; the message lists the slots.
+    ValueError
+        For unknown `inputs`, or if the networks would read parameters that the model does not have.
+
+    Examples
+    --------
+    >>> brdf = enhance("ggx")
+    >>> print(brdf, brdf.n_weights)
+    M + S * D * [F] [*] [G] * [1/E] 6612
+    """
+    model = models.get(model) if isinstance(model, str) else model
+    if inputs not in INPUTS:
+        raise ValueError(f'enhance(): inputs="{inputs}" is unknown. Choose one of: {", ".join(INPUTS)}.')
+    replace = dict(replace) if isinstance(replace, Mapping) else dict.fromkeys(replace, hidden)
+    for name in sorted(replace):
+        model.graph.find(name)
+    missing = _READ_BY_NETWORKS - {p.name for p in model.parameters}
+    if replace and missing and inputs not in COLOURLESS:
+        raise ValueError(
+            f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
+            'Use inputs="shape", or the model as it is, replace=().'
+        )
+    extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - set(parameters.FRAME)
+    if extra and inputs not in COLOURLESS and not all(model.graph.find(name).args for name in replace):
+        raise ValueError(
+            f'enhance(): inputs="{inputs}" has no place for {", ".join(sorted(extra))} of model "{model.name}". '
+            'Use inputs="shape".'
+        )
+    rng = np.random.default_rng(seed)
+    n_params = n_of_parameters(model, inputs) + n_latent
+    networks = {}
+    for node in model.graph.walk():
+        if node.name in replace:
+            folded, varying, out = _sizes(node, model, n_params, n_of_directions(model, inputs, node))
+            networks[node.name] = mlp.xavier(
+                (folded + varying, *replace[node.name], out), folded, rng, modulated and folded > 0
+            )
+    return EnhancedBRDF(model, networks, n_latent, inputs)
+
+
+def _sizes(node: Node, model: Model, n_params: int, n_directional: int) -> tuple[int, int, int]:
+    """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
+    if node.args:
+        return 0, 2, 1
+    directional = node.reads(geometry.QUANTITIES)
+    # A term that reads a colour stands for one (M, S), any other for a scalar (D, F, G, 1/E).
+    colour = node.reads(parameters.colours(model.parameters))
+    return n_params, n_directional if directional else 0, 3 if colour else 1
