@@ -186,7 +186,7 @@ def specialize(args: argparse.Namespace) -> dict:
 def convert(args: argparse.Namespace) -> dict:
     output = _output(args.output, (".csv", ".npz"))
     _set_variant(args.variant)
-    from .data import save_table
+    from .data.loading import save_table
 
     measurements = _measurements(args)
     save_table(measurements, output)

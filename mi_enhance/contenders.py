@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import rivals
-from .data import Measurements
+from .data.measurements import Measurements
 from .fit import fit
 from .material import Material
 from .specialize import SIZES, specialize

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from .analytic import parameter_space, parameters
-from .data import Measurements
+from .data.measurements import Measurements
 from .material import Material
 from .objective import Objective
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from . import prior, sampling
 from .analytic import parameter_space, parameters
-from .data import Measurements
+from .data.measurements import Measurements
 from .determined import determined
 from .losses import log_l1
 from .material import Material
@@ -51,7 +51,7 @@ def fit(
         A network (``Material.network()``), an analytic model (``Material.analytic("ggx")``), or a fitted material,
         whose parameters then are one more start.
     measurements : Measurements
-        From :func:`mi_enhance.data.load`.
+        From :func:`mi_enhance.data.loading.load`.
     method : {"lm", "rmsprop"}
         Levenberg-Marquardt from several starts, or the paper's recipe: RMSProp with alpha 0.9, learning rate 1e-3,
         1,000 epochs of all samples from the default start.

@@ -10,7 +10,7 @@ import numpy as np
 from drjit.opt import Adam
 
 from .analytic import parameters
-from .data.sampling import sample_pairs
+from .data.directions import sample_pairs
 from .neural.enhanced_brdf import EnhancedBRDF
 from .neural.trainable import Trainable
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .analytic import parameter_space, parameters
-from .data.sampling import directions_to_rusinkiewicz
+from .data.directions import directions_to_rusinkiewicz
 from .material import Material
 from .objective import Objective
 

@@ -18,7 +18,7 @@ from . import data, scene, timing
 from .bsdfs.function import reflectance
 from .compare import compare
 from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
-from .data.sampling import sample_pairs
+from .data.directions import sample_pairs
 from .losses import log_l1
 from .output.table import write_table
 from .system.files import material_name, replacing, require_file

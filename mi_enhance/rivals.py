@@ -15,8 +15,8 @@ import numpy as np
 
 from . import distil
 from .analytic import geometry
-from .data import Measurements
-from .data.sampling import half_difference
+from .data.directions import half_difference
+from .data.measurements import Measurements
 from .material import Material
 from .neural import baked
 from .neural import inputs as inputs_module

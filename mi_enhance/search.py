@@ -19,7 +19,7 @@ import numpy as np
 
 from . import candidate, state
 from .analytic import models
-from .data import Measurements
+from .data.measurements import Measurements
 from .data.training import TrainingSet, build, gather
 from .material import Material
 from .neural.enhanced_brdf import EnhancedBRDF

@@ -17,8 +17,8 @@ import numpy as np
 from . import distil, prune
 from .analytic import parameters
 from .analytic.graph import Node
-from .data import Measurements
-from .data.sampling import sample_pairs
+from .data.directions import sample_pairs
+from .data.measurements import Measurements
 from .fit import fit
 from .losses import log_l1
 from .material import Material
@@ -66,7 +66,7 @@ def specialize(
         networks it comes from.
     max_error : float
         Largest mean absolute difference of log(1 + f cos) to the exact material, over random pairs of directions
-        (:func:`mi_enhance.data.sampling.sample_pairs`); with measurements the most by which the error against them may
+        (:func:`mi_enhance.data.directions.sample_pairs`); with measurements the most by which the error against them may
         grow, over those of them that were not learned.
     size : int, optional
         Hidden units of both layers, in place of the cheapest of `SIZES` that is good enough: for curves of error over

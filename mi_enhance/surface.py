@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from .analytic import parameter_space
-from .data import Measurements
+from .data.measurements import Measurements
 from .neural.enhanced_brdf import EnhancedBRDF
 from .numerics import levenberg_marquardt
 from .objective import Objective, stacked

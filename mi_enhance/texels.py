@@ -82,7 +82,7 @@ def fit_texels(
 
     Examples
     --------
-    >>> from mi_enhance.data.sampling import sample_pairs
+    >>> from mi_enhance.data.directions import sample_pairs
     >>> wi, wo = sample_pairs(64)
     >>> truth = [Material.analytic("ggx").edit(alpha_x=a, alpha_y=a) for a in (0.2, 0.4)]
     >>> f = np.stack([m.evaluate(wi, wo) for m in truth])

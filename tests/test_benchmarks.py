@@ -13,7 +13,7 @@ import pytest
 
 from mi_enhance import Material, data
 from mi_enhance import rivals as models_of_others
-from mi_enhance.data import nbrdf, rgl, sampling, synthetic
+from mi_enhance.data import directions, nbrdf, reference_brdfs, rgl
 from mi_enhance.losses import log_l1
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,8 +31,8 @@ PAINT = dict(n=[0, 0, 1], t_theta=0, rho_d=[0.3, 0.2, 0.1], rho_s=[1] * 3, alpha
 
 
 def paint(n, seed=0):
-    wi, wo = sampling.sample_pairs(n, seed=seed)
-    return data.Measurements(wi, wo, synthetic.ggx(wi, wo, **PAINT), "paint")
+    wi, wo = directions.sample_pairs(n, seed=seed)
+    return data.Measurements(wi, wo, reference_brdfs.ggx(wi, wo, **PAINT), "paint")
 
 
 def test_nbrdf_training_generalises_from_a_few_thousand_samples():
@@ -86,7 +86,7 @@ def test_errors_against_both_truths(llvm):
 
     def average(wi, wo):
         # (e + e) / 2 over cos theta_h cos theta_d, as data/nps/README.md decodes RGL
-        theta_h, _, d = sampling.half_difference(wi, wo)
+        theta_h, _, d = directions.half_difference(wi, wo)
         return ((e[0] + e[1]) / 2 / (np.cos(theta_h) * d[:, 2])[:, None]).astype(np.float32)
 
     same, both = (accuracy.errors(f, m, FILE) for f in (lambda *_: m.f, average))
@@ -105,11 +105,11 @@ def test_odd_samples_are_what_they_are_called(llvm):
 
 def test_table_renders_what_it_holds_in_either_order(llvm):
     def f(wi, wo):  # not reciprocal
-        return synthetic.ggx(wi, wo, **PAINT) * (1 + 0.5 * wo[:, 2:] * (1 - wi[:, 2:]))
+        return reference_brdfs.ggx(wi, wo, **PAINT) * (1 + 0.5 * wo[:, 2:] * (1 - wi[:, 2:]))
 
     lobe = Material.analytic("ggx").edit(alpha_x=0.3, alpha_y=0.3)
     bsdf = tabulated.bsdf(tabulated.tabulate(f), lobe)
-    wi, wo = sampling.sample_pairs(5000, seed=3, min_cos=0.2)
+    wi, wo = directions.sample_pairs(5000, seed=3, min_cos=0.2)
     si = mi.SurfaceInteraction3f()
     si.wi = mi.Vector3f(wi.T.copy())
     value = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo.T.copy()))).T

@@ -11,7 +11,7 @@ import mi_enhance  # noqa: F401  (before mitsuba: it chooses the LLVM)
 
 import mitsuba as mi  # isort: skip
 from mi_enhance import data
-from mi_enhance.data import merl, nbrdf, nps, rgl, sampling, synthetic
+from mi_enhance.data import directions, merl, nbrdf, nps, reference_brdfs, rgl, synthetic
 
 COLOURED_GGX = dict(
     n=[0, 0, 1], t_theta=0, rho_d=[0.1, 0.2, 0.3], rho_s=[1, 0.5, 0.2], alpha_x=0.15, alpha_y=0.15, F0=0.04
@@ -25,9 +25,9 @@ def rgb():
 
 def wavy_ggx(wi, wo):
     """A reciprocal, isotropic material that depends on all three angles of MERL, phi_d included."""
-    _, _, theta_d, phi_d = sampling.directions_to_rusinkiewicz(wi, wo)
+    _, _, theta_d, phi_d = directions.directions_to_rusinkiewicz(wi, wo)
     wave = 1 + 0.5 * np.sin(theta_d) ** 2 * np.sin(2 * phi_d + 0.3)
-    return synthetic.ggx(wi, wo, **COLOURED_GGX) * wave[:, None]
+    return reference_brdfs.ggx(wi, wo, **COLOURED_GGX) * wave[:, None]
 
 
 def log_l1(f, g, wo):
@@ -40,26 +40,26 @@ def log_l1(f, g, wo):
 def test_rusinkiewicz_round_trip():
     rng = np.random.default_rng(1)
     angles = rng.random((4, 20_000)) * np.array([[np.pi / 2], [2 * np.pi], [np.pi / 2], [2 * np.pi]])
-    back = sampling.directions_to_rusinkiewicz(*sampling.rusinkiewicz_to_directions(*angles))
+    back = directions.directions_to_rusinkiewicz(*directions.rusinkiewicz_to_directions(*angles))
     # phi loses digits where its theta is small: 1e-16 / 1e-4
     assert max(np.abs(np.sin((a - b) / 2)).max() for a, b in zip(angles, back, strict=True)) < 1e-11
 
 
 def test_rusinkiewicz_turns_the_light():
-    wi, wo = sampling.rusinkiewicz_to_directions(0.0, 0.0, 0.5, 0.3)  # h is the normal: d is the light itself
+    wi, wo = directions.rusinkiewicz_to_directions(0.0, 0.0, 0.5, 0.3)  # h is the normal: d is the light itself
     light = np.sin(0.5) * np.cos(0.3), np.sin(0.5) * np.sin(0.3), np.cos(0.5)
     np.testing.assert_allclose(wo, light, atol=1e-15)
     np.testing.assert_allclose(wi, (-light[0], -light[1], light[2]), atol=1e-15)
-    theta_h, _, d = sampling.half_difference(wi, wo)
+    theta_h, _, d = directions.half_difference(wi, wo)
     assert theta_h == pytest.approx(0, abs=1e-15) and d == pytest.approx(light)
 
 
 def test_sample_pairs_uniform_in_the_four_angles():
-    wi, wo = sampling.sample_pairs(40_000, seed=2)
+    wi, wo = directions.sample_pairs(40_000, seed=2)
     for w in (wi, wo):
         assert w.dtype == np.float32 and np.abs(np.linalg.norm(w, axis=1) - 1).max() < 1e-6
         assert w[:, 2].min() >= np.float32(0.01)
-    theta_h, phi_h, theta_d, phi_d = sampling.directions_to_rusinkiewicz(wi, wo)
+    theta_h, phi_h, theta_d, phi_d = directions.directions_to_rusinkiewicz(wi, wo)
     # In the triangle theta_h + theta_d < 85 degrees nothing meets the horizon, so the density there is constant:
     # mean 1/3 of the side for both. phi_h is uniform everywhere, and phi_d within the triangle.
     side = np.radians(85)
@@ -74,13 +74,13 @@ def test_sample_pairs_uniform_in_the_four_angles():
 
 
 def test_sample_pairs_seeded():
-    assert np.array_equal(sampling.sample_pairs(50, seed=3), sampling.sample_pairs(50, seed=3))
-    assert not np.array_equal(sampling.sample_pairs(50, seed=3), sampling.sample_pairs(50, seed=4))
+    assert np.array_equal(directions.sample_pairs(50, seed=3), directions.sample_pairs(50, seed=3))
+    assert not np.array_equal(directions.sample_pairs(50, seed=3), directions.sample_pairs(50, seed=4))
 
 
 def test_sample_pairs_gives_up_on_an_empty_source():
     with pytest.raises(ValueError, match="holds .almost. no valid data"):
-        sampling.sample_pairs(5, accept=lambda wi, wo: np.zeros(len(wi), bool))
+        directions.sample_pairs(5, accept=lambda wi, wo: np.zeros(len(wi), bool))
 
 
 # ---- the record
@@ -170,7 +170,7 @@ def test_merl_layout_is_that_of_merls_own_code(merl_file):
         j = int(np.sqrt(np.degrees(theta_h) / 90 * 90 * 90))
         k, p = int(np.degrees(theta_d) / 90 * 90), int(phi_d / np.pi * 180)
         middle = (j + 0.5) ** 2 / 90**2 * np.pi / 2, 0.0, (k + 0.5) / 90 * np.pi / 2, (p + 0.5) / 180 * np.pi
-        wi, wo = sampling.rusinkiewicz_to_directions(*middle)
+        wi, wo = directions.rusinkiewicz_to_directions(*middle)
         index = p + 180 * k + 180 * 90 * j
         stored = [raw[index + c * 90 * 90 * 180] * s for c, s in enumerate((1 / 1500, 1.15 / 1500, 1.66 / 1500))]
         np.testing.assert_allclose(stored, wavy_ggx(wi[None], wo[None])[0], rtol=1e-12)
@@ -189,7 +189,7 @@ def test_merl_unmeasured_cells_are_never_sampled_nor_mixed_in(editable_merl):
     raw[:, 20:40] = -1
     raw.flush()
     m = data.load(path, n_samples=20_000)
-    theta_h = sampling.directions_to_rusinkiewicz(m.wi, m.wo)[0]
+    theta_h = directions.directions_to_rusinkiewicz(m.wi, m.wo)[0]
     cell = np.sqrt(theta_h / (np.pi / 2)) * 90
     assert not ((cell > 20.001) & (cell < 39.999)).any()
     edge = (np.abs(cell - 19.75) < 0.25) | (np.abs(cell - 40.25) < 0.25)
@@ -203,7 +203,7 @@ def test_merl_real_negatives_are_clamped_and_counted(editable_merl):
     raw[1, 60:][raw[1, 60:] != -1] = -0.25
     raw.flush()
     m = data.load(path, n_samples=20_000)
-    theta_h = sampling.directions_to_rusinkiewicz(m.wi, m.wo)[0]
+    theta_h = directions.directions_to_rusinkiewicz(m.wi, m.wo)[0]
     negative = np.sqrt(theta_h / (np.pi / 2)) * 90 > 60.5
     assert (m.f[negative, 1] == 0).all() and (m.f[negative, 0] > 0).all()
     assert m.clamped_fraction == pytest.approx(negative.mean() / 3, rel=0.05)
@@ -224,7 +224,7 @@ def features(wi, wo):
 def test_nbrdf_decoder_is_the_readmes():
     materials, networks = nbrdf.read_networks("data/nbrdf/merl.npz")
     net = {k: w[materials.index("blue-acrylic")].astype(np.float64) for k, w in networks.items()}
-    wi, wo = (w.astype(np.float64) for w in sampling.sample_pairs(200, seed=6))
+    wi, wo = (w.astype(np.float64) for w in directions.sample_pairs(200, seed=6))
     expected = np.empty((200, 3))
     for k in range(200):
         theta, d = features(wi[k], wo[k])
@@ -249,7 +249,7 @@ def nps_merl():
 def test_nps_decoder_is_the_readmes(nps_merl, with_cosine):
     materials, latents, decoder = nps_merl
     z = latents[[materials.index("blue-acrylic"), materials.index("brass")]].mean(0)  # mixtures are allowed
-    wi, wo = (w.astype(np.float64) for w in sampling.sample_pairs(50, seed=7))
+    wi, wo = (w.astype(np.float64) for w in directions.sample_pairs(50, seed=7))
     expected = np.empty((50, 3))
     for k in range(50):
         theta_h, d = features(wi[k], wo[k])
@@ -273,7 +273,7 @@ def test_nps_decoder_is_the_readmes(nps_merl, with_cosine):
 
 def test_nps_exactly_reciprocal(nps_merl):
     _, latents, decoder = nps_merl
-    wi, wo = sampling.sample_pairs(3000, seed=8)
+    wi, wo = directions.sample_pairs(3000, seed=8)
     for latent in latents[:3]:
         assert np.array_equal(nps.decode(decoder, latent, wi, wo), nps.decode(decoder, latent, wo, wi))
 
@@ -281,7 +281,7 @@ def test_nps_exactly_reciprocal(nps_merl):
 def test_nps_and_nbrdf_tell_the_same_materials(nps_merl):
     materials, latents, decoder = nps_merl
     names, networks = nbrdf.read_networks("data/nbrdf/merl.npz")
-    wi, wo = sampling.sample_pairs(1500, seed=9)
+    wi, wo = directions.sample_pairs(1500, seed=9)
     difference, others = [], []
     for i in range(0, 100, 4):
         f = nps.decode(decoder, latents[i], wi, wo)
@@ -382,15 +382,15 @@ def test_synthetic_formula_is_mitsubas_roughconductor(rgb):
     bsdf = mi.load_dict(
         {"type": "roughconductor", "distribution": "ggx", "material": "none", "alpha_u": 0.35, "alpha_v": 0.08}
     )
-    wi, wo = sampling.sample_pairs(2000, seed=10)
+    wi, wo = directions.sample_pairs(2000, seed=10)
     si = mi.SurfaceInteraction3f()
     si.wi = mi.Vector3f(wi.T.copy())
     expected = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo.T.copy()))).T / wo[:, 2:]
-    f = synthetic.ggx(wi, wo, **p)
+    f = reference_brdfs.ggx(wi, wo, **p)
     compared = expected > 1e-4 * expected.max()  # Mitsuba flushes the far tail of D to 0
     assert compared.mean() > 0.2
     np.testing.assert_allclose(f[compared], expected[compared], rtol=1e-3)  # float32 half vectors near sharp lobes
-    turned = synthetic.ggx(wi, wo, **(p | {"t_theta": np.pi / 2, "alpha_x": 0.08, "alpha_y": 0.35}))
+    turned = reference_brdfs.ggx(wi, wo, **(p | {"t_theta": np.pi / 2, "alpha_x": 0.08, "alpha_y": 0.35}))
     np.testing.assert_allclose(turned, f, rtol=1e-9)
 
 
@@ -399,13 +399,13 @@ def test_synthetic_frame_is_the_packages(rgb):
 
     n = np.array([0.2, -0.1, np.sqrt(1 - 0.05)])
     frame = geometry.frame(mi.Float(0.2), mi.Float(-0.1), mi.Float(0.7))
-    for ours, theirs in zip(synthetic._frame(n, 0.7), (frame.s, frame.t, frame.n), strict=True):
+    for ours, theirs in zip(reference_brdfs._frame(n, 0.7), (frame.s, frame.t, frame.n), strict=True):
         np.testing.assert_allclose(ours, np.array(theirs)[:, 0], atol=1e-6)
 
 
 def test_synthetic_noise_and_ranges():
     m, truth = synthetic.ggx_anisotropic(5, n_samples=20_000, max_tilt=0.2)
-    ratio = m.f / synthetic.ggx(m.wi, m.wo, **truth)
+    ratio = m.f / reference_brdfs.ggx(m.wi, m.wo, **truth)
     n = ratio.size
     assert ratio.mean() == pytest.approx(1, abs=4 * 0.1 / np.sqrt(n))
     assert ratio.std() == pytest.approx(0.1, abs=4 * 0.1 / np.sqrt(2 * n))
@@ -424,9 +424,9 @@ WARD = dict(t_theta=0.4, rho_d=[0.3, 0.2, 0.1], rho_s=[0.1, 0.2, 0.4], alpha_x=0
 BECKMANN = dict(t_theta=0.4, F0=[0.9, 0.5, 0.1], alpha_x=0.3, alpha_y=0.1)
 
 
-@pytest.mark.parametrize("f, p", [(synthetic.ward, WARD), (synthetic.beckmann, BECKMANN)])
+@pytest.mark.parametrize("f, p", [(reference_brdfs.ward, WARD), (reference_brdfs.beckmann, BECKMANN)])
 def test_synthetic_validation_lobes_are_reciprocal_positive_and_turn_with_the_tangent(f, p):
-    wi, wo = sampling.sample_pairs(2000, seed=11)
+    wi, wo = directions.sample_pairs(2000, seed=11)
     values = f(wi, wo, **p)
     assert (values >= 0).all() and (values > 0).any()  # far from its peak a lobe alone underflows to 0
     np.testing.assert_allclose(f(wo, wi, **p), values, rtol=1e-12)
@@ -439,23 +439,23 @@ def test_synthetic_validation_lobes_are_reciprocal_positive_and_turn_with_the_ta
 def test_synthetic_ward_by_angles():
     # eq. 5a as Ward writes it: delta between h and n, phi of h to the tangent
     theta_h, phi_h, theta_d, phi_d = 0.3, 1.1, 0.5, 2.0
-    wi, wo = sampling.rusinkiewicz_to_directions(*np.array([[theta_h], [phi_h], [theta_d], [phi_d]]))
+    wi, wo = directions.rusinkiewicz_to_directions(*np.array([[theta_h], [phi_h], [theta_d], [phi_d]]))
     phi = phi_h - WARD["t_theta"]
     exponent = np.tan(theta_h) ** 2 * (np.cos(phi) ** 2 / 0.3**2 + np.sin(phi) ** 2 / 0.1**2)
     lobe = np.exp(-exponent) / (4 * np.pi * 0.3 * 0.1) / np.sqrt(wi[0, 2] * wo[0, 2])
     expected = np.array(WARD["rho_d"]) / np.pi + np.array(WARD["rho_s"]) * lobe
-    np.testing.assert_allclose(synthetic.ward(wi, wo, **WARD)[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(reference_brdfs.ward(wi, wo, **WARD)[0], expected, rtol=1e-12)
 
 
 def test_synthetic_beckmann_is_mitsubas_roughconductor(rgb):
     bsdf = mi.load_dict(
         {"type": "roughconductor", "distribution": "beckmann", "material": "none", "alpha_u": 0.35, "alpha_v": 0.1}
     )
-    wi, wo = sampling.sample_pairs(2000, seed=12)
+    wi, wo = directions.sample_pairs(2000, seed=12)
     si = mi.SurfaceInteraction3f()
     si.wi = mi.Vector3f(wi.T.copy())
     expected = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo.T.copy()))).T / wo[:, 2:]
-    f = synthetic.beckmann(wi, wo, t_theta=0.0, F0=np.ones(3), alpha_x=0.35, alpha_y=0.1)
+    f = reference_brdfs.beckmann(wi, wo, t_theta=0.0, F0=np.ones(3), alpha_x=0.35, alpha_y=0.1)
     compared = expected > 1e-4 * expected.max()  # Mitsuba flushes the far tail of D to 0
     assert compared.mean() > 0.1
     np.testing.assert_allclose(f[compared], expected[compared], rtol=1e-3)  # float32 half vectors

@@ -7,9 +7,10 @@ import pytest
 
 from mi_enhance import data
 from mi_enhance.data import nps
-from mi_enhance.data.assorted import assorted, warp
-from mi_enhance.data.sampling import cosine_hemisphere, sample_pairs
+from mi_enhance.data.directions import cosine_hemisphere, sample_pairs
+from mi_enhance.data.random_terms import assorted
 from mi_enhance.data.training import build
+from mi_enhance.training.augmentation import warp
 
 ROUNDING = 1e-9  # float64 sums in another order, through exponentials
 NPS = "data/nps/merl.npz"
@@ -23,7 +24,7 @@ def at(seed, wi, wo):
             sample_pairs(n, seed=seed)  # the generator moves on as it would
             return np.asarray(wi), np.asarray(wo)
 
-        m.setattr("mi_enhance.data.assorted.sample_pairs", given)
+        m.setattr("mi_enhance.data.random_terms.sample_pairs", given)
         return assorted(seed, len(wi))
 
 

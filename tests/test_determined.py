@@ -8,8 +8,8 @@ import twin
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import Material, enhance, fit
-from mi_enhance.data import Measurements
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
+from mi_enhance.data.measurements import Measurements
 from mi_enhance.determined import determined
 
 TRUTH = {

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import twin
 
-from mi_enhance.data import Measurements, clamp_negative
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
+from mi_enhance.data.measurements import Measurements, clamp_negative
 from mi_enhance.fit import fit
 from mi_enhance.material import Material
 from mi_enhance.neural.enhance import enhance

@@ -13,8 +13,8 @@ import twin
 
 from mi_enhance import Material, enhance, fit
 from mi_enhance.analytic import parameter_space, parameters
-from mi_enhance.data import Measurements
-from mi_enhance.data.sampling import rusinkiewicz_to_directions, sample_pairs
+from mi_enhance.data.directions import rusinkiewicz_to_directions, sample_pairs
+from mi_enhance.data.measurements import Measurements
 from mi_enhance.neural import mlp
 from mi_enhance.normalise import normalise, plain
 from mi_enhance.prior import Prior, coverage, from_library, weight

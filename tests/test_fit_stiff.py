@@ -12,7 +12,7 @@ import pytest
 from plugin_scenes import evaluate
 
 from mi_enhance import Material, data, fit
-from mi_enhance.data.sampling import rusinkiewicz_to_directions, sample_pairs
+from mi_enhance.data.directions import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.losses import log_l1
 
 N = 2000

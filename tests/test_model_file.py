@@ -23,7 +23,7 @@ from test_models import USUAL, given, materials
 from mi_enhance import cli, data, enhance, models
 from mi_enhance.analytic import geometry, parameters
 from mi_enhance.analytic.text_model import toml_model
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit
 from mi_enhance.material import Material
 from mi_enhance.neural.mlp import flatten, unflatten

@@ -17,7 +17,7 @@ from plugin_scenes import ball, render_attached
 
 from mi_enhance import data, enhance, models
 from mi_enhance.analytic import parameters
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit, objective
 from mi_enhance.material import Material
 

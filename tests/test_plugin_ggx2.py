@@ -15,8 +15,8 @@ from test_plugin_sampling import NOISE, QUADRATURE, SIGNIFICANCE, albedo_by_samp
 from test_sampling_lobes import cells
 
 from mi_enhance import sampling
-from mi_enhance.data import Measurements
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
+from mi_enhance.data.measurements import Measurements
 from mi_enhance.fit import fit
 from mi_enhance.imitate import imitate
 from mi_enhance.material import Material

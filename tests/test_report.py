@@ -14,7 +14,7 @@ from mi_enhance.bsdfs.function import of_function, reflectance
 
 from mi_enhance import Material, data, rivals, scene
 from mi_enhance.data import nbrdf
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
 from mi_enhance.losses import log_l1
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -14,7 +14,7 @@ from plugin_scenes import close, directions, evaluate
 from mi_enhance import data, distil, prune
 from mi_enhance.cli import main
 from mi_enhance.data import synthetic
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit
 from mi_enhance.losses import log_l1
 from mi_enhance.material import Material

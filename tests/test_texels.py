@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mi_enhance.analytic import parameter_space, parameters
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit_analytic
 from mi_enhance.material import Material
 from mi_enhance.neural.enhance import enhance

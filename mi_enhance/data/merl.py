@@ -14,8 +14,8 @@ import os
 import numpy as np
 
 from ..system.files import material_name, replacing, require_file
-from . import Measurements, clamp_negative
-from .sampling import half_difference, rusinkiewicz_to_directions, sample_pairs
+from .directions import half_difference, rusinkiewicz_to_directions, sample_pairs
+from .measurements import Measurements, clamp_negative
 
 _SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d; the last varies fastest
 _SCALE = np.array([1.0, 1.15, 1.66]) / 1500  # exposure of the camera's channels, from MERL's own reading code
@@ -31,7 +31,7 @@ def read(path, *, n_samples=100_000, seed=0):
     path : str or Path
         ``<material>.binary``.
     n_samples, seed : int
-        As for `mi_enhance.data.load`.
+        As for `mi_enhance.data.loading.load`.
 
     Returns
     -------

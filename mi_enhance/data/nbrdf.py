@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..system import npz
-from . import Measurements, clamp_negative
-from .sampling import half_difference, sample_pairs
+from .directions import half_difference, sample_pairs
+from .measurements import Measurements, clamp_negative
 
 _BLOCK = 1 << 16  # samples at a time: 6 MB per layer, which stays in the cache
 
@@ -87,7 +87,7 @@ def _signed(network, wi, wo):
 
 
 def read(path, index, *, n_samples=100_000, seed=0):
-    """Draw samples of material number `index`; see `mi_enhance.data.load`."""
+    """Draw samples of material number `index`; see `mi_enhance.data.loading.load`."""
     materials, networks = read_networks(path)
     wi, wo = sample_pairs(n_samples, seed=seed)
     f, clamped_fraction = clamp_negative(_signed({k: w[index] for k, w in networks.items()}, wi, wo))

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..system import npz
 from ..system.files import require_file
-from . import Measurements, clamp_negative
-from .sampling import half_difference, sample_pairs
+from .directions import half_difference, sample_pairs
+from .measurements import Measurements, clamp_negative
 
 _BLOCK = 1 << 13  # samples at a time: 13 MB per layer
 _LAYERS = range(1, 8)
@@ -127,7 +127,7 @@ def decode(decoder, latent, wi, wo, *, with_cosine=False):
 
 
 def read(path, index, *, n_samples=100_000, seed=0):
-    """Draw samples of material number `index`; see `mi_enhance.data.load`.
+    """Draw samples of material number `index`; see `mi_enhance.data.loading.load`.
 
     Raises
     ------

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..system import tensor_file
 from ..system.files import material_name, require_file
-from . import Measurements, clamp_negative
-from .sampling import sample_pairs
+from .directions import sample_pairs
+from .measurements import Measurements, clamp_negative
 
 # the fields `measured` reads: type and number of dimensions
 _FIELDS = {
@@ -39,7 +39,7 @@ def read(path, *, n_samples=100_000, seed=0):
     path : str or Path
         ``<material>_rgb.bsdf``.
     n_samples, seed : int
-        As for `mi_enhance.data.load`.
+        As for `mi_enhance.data.loading.load`.
 
     Returns
     -------

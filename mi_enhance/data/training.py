@@ -12,7 +12,7 @@ What is decoded, and how many of each, is said by a list of sources (the ``data`
 ``synthetic``         `count` anisotropic GGX with rotated tangents and the paper's noise
 ``two-lobes``         `count` materials with a sharp and a wide lobe, half of them anisotropic
 ``assorted``          `count` materials of assorted distributions, Fresnel colours, geometric and diffuse factors
-``file``              one measured file that :func:`mi_enhance.data.load` reads
+``file``              one measured file that :func:`mi_enhance.data.loading.load` reads
 ====================  =====================================================================================
 """
 
@@ -27,9 +27,12 @@ import numpy as np
 
 from ..system import npz
 from ..system.files import digest, replacing, require_file
-from . import Measurements, load, names, nbrdf, nps
-from .assorted import assorted, warp
-from .sampling import cosine_hemisphere, sample_pairs
+from ..training.augmentation import warp
+from . import nbrdf, nps
+from .directions import cosine_hemisphere, sample_pairs
+from .loading import load, names
+from .measurements import Measurements
+from .random_terms import assorted
 from .synthetic import ggx_anisotropic, two_lobes
 
 # A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.

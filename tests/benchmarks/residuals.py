@@ -17,7 +17,7 @@ import numpy as np
 import rivals
 
 from mi_enhance import data
-from mi_enhance.data.sampling import directions_to_rusinkiewicz
+from mi_enhance.data.directions import directions_to_rusinkiewicz
 from mi_enhance.losses import log_l1
 from mi_enhance.output.figure import sheet
 

@@ -22,7 +22,8 @@ import numpy as np
 
 from mi_enhance import Material, fit, models
 from mi_enhance import rivals as models_of_others
-from mi_enhance.data import Measurements, nbrdf, nps
+from mi_enhance.data import nbrdf, nps
+from mi_enhance.data.measurements import Measurements
 from mi_enhance.neural import trainable
 from mi_enhance.system.bundled_files import network_file
 from mi_enhance.system.files import replacing

@@ -19,7 +19,7 @@ import numpy as np
 from mi_enhance.bsdfs.function import of_function
 
 from mi_enhance import Material
-from mi_enhance.data.sampling import rusinkiewicz_to_directions
+from mi_enhance.data.directions import rusinkiewicz_to_directions
 
 _SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d
 _COLUMNS = {
@@ -81,7 +81,7 @@ def bsdf(table: np.ndarray, lobe: Material) -> mi.BSDF:
 
 def _position(wi, wo) -> mi.Point3f:
     """Place of a pair in the texture: x is its last axis, phi_d."""
-    s, e = wi + wo, 0.5 * (wo - wi)  # as mi_enhance.data.sampling.half_difference
+    s, e = wi + wo, 0.5 * (wo - wi)  # as mi_enhance.data.directions.half_difference
     r, length = dr.sqrt(s.x * s.x + s.y * s.y), dr.norm(s)
     # where h is the normal, phi_h is 0 by definition
     c, n = dr.select(r > 0, s.x / r, 1), dr.select(r > 0, s.y / r, 0)

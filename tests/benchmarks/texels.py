@@ -16,7 +16,8 @@ import numpy as np
 from common import finish
 
 from mi_enhance import Material, metrics, scene
-from mi_enhance.data import clamp_negative, rgl, sampling
+from mi_enhance.data import directions, rgl
+from mi_enhance.data.measurements import clamp_negative
 from mi_enhance.evaluation.comparison_picture import draw
 from mi_enhance.output import srgb
 from mi_enhance.output.figure import sheet
@@ -101,7 +102,7 @@ def masks(size: int) -> np.ndarray:
 
 def mixture(files: list[str], weights: np.ndarray, n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Directions wi, wo (n, 3), and what each texel reflects (H, W, n, 3)."""
-    wi, wo = sampling.sample_pairs(n, seed=seed, min_cos=_MIN_COS)
+    wi, wo = directions.sample_pairs(n, seed=seed, min_cos=_MIN_COS)
     values = np.stack([clamp_negative(rgl.evaluate(path, wi, wo))[0] for path in files])
     return wi, wo, np.einsum("hwk,knc->hwnc", weights, values).astype(np.float32)
 

@@ -24,7 +24,7 @@ from common import finish
 from torch_model import TorchModel, import_torch
 
 from mi_enhance.analytic import parameter_space
-from mi_enhance.data.sampling import sample_pairs
+from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.training import TrainingSet
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.timing import interleaved, machine, spread

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..system import npz
 from ..system.files import material_name, replacing, require_file
-from . import Measurements, clamp_negative
+from .measurements import Measurements, clamp_negative
 
 _VECTORS = ("wi_x", "wi_y", "wi_z", "wo_x", "wo_y", "wo_z")
 _ANGLES = ("theta_i", "phi_i", "theta_o", "phi_o")
@@ -69,7 +69,7 @@ def read(path, *, n_samples=100_000, seed=0):
 
 
 def write(measurements, path):
-    """Write a table that `read` gives back exactly; see `mi_enhance.data.save_table`."""
+    """Write a table that `read` gives back exactly; see `mi_enhance.data.loading.save_table`."""
     suffix = Path(path).suffix.lower()
     if suffix not in (".csv", ".npz"):
         raise ValueError(f'data.save_table("{path}"): the suffix is {suffix!r}; write .csv or .npz.')
