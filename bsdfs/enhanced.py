@@ -105,7 +105,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance import energy, sampling
 from mi_enhance.analytic import parameters
 from mi_enhance.analytic.models.model import Model
 from mi_enhance.maps import MaterialMaps
@@ -113,6 +112,7 @@ from mi_enhance.material import Material
 from mi_enhance.neural import baked, cooperative
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 from mi_enhance.neural.simplify import lean
+from mi_enhance.sampling import energy_bound, importance, lobe_mixture
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
 _RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
@@ -265,19 +265,19 @@ class Enhanced(mi.BSDF):
             dr.make_opaque(self.m_begun)
         if not self.m_textures and not self.m_scales:
             present = {name: v for name, v in constants.items() if name not in self.m_lean.left_out}
-            self.m_shares = sampling.shares(present, self.m_lobe_albedo, self.m_brdf.model)
+            self.m_shares = lobe_mixture.shares(present, self.m_lobe_albedo, self.m_brdf.model)
             dr.make_opaque(self.m_shares)
         if self.m_energy:
             self.m_bound = self._bound(constants)
 
     def _bound(self, constants: dict) -> mi.Float:
-        """The table of :mod:`mi_enhance.energy` for the parameters as they are."""
+        """The table of :mod:`mi_enhance.sampling.energy_bound` for the parameters as they are."""
         form, values, si = self.m_lean, dict(constants), dr.zeros(mi.SurfaceInteraction3f)
         for name, texture in self.m_textures.items():  # a colour from a scene is a texture, too
             values[name] = dr.detach(_rgb(texture, si, True) if name in self.m_colours else texture.eval_1(si))
         values = {name: v for name, v in values.items() if name not in form.left_out}
-        shares = sampling.shares(values, self.m_lobe_albedo, form.brdf.model)
-        return energy.table(form.brdf, values, shares)
+        shares = lobe_mixture.shares(values, self.m_lobe_albedo, form.brdf.model)
+        return energy_bound.table(form.brdf, values, shares)
 
     def _know(self, keys) -> None:
         """Keep the values of the parameters that are the same everywhere and not being optimised."""
@@ -353,22 +353,22 @@ class Enhanced(mi.BSDF):
     def _eval(self, si, wo, form, params, folded, active):
         value = form.brdf(si.wi, wo, self._spectral(params, si, active), form.evaluators, folded)
         if self.m_energy:
-            value *= energy.factor(self.m_bound, si.wi, params) * energy.factor(self.m_bound, wo, params)
+            value *= energy_bound.factor(self.m_bound, si.wi, params) * energy_bound.factor(self.m_bound, wo, params)
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
     def _mixture(self, si, form, params) -> tuple[Model, list]:
         """The model whose lobes are sampled, and their probabilities."""
         model = form.brdf.model
         if self.m_scales:
-            shares = sampling.shares_at(si.wi.z, params, self.m_albedos, model)
-            return sampling.scaled(model, list(enumerate(self.m_scales))), shares
+            shares = lobe_mixture.shares_at(si.wi.z, params, self.m_albedos, model)
+            return lobe_mixture.scaled(model, list(enumerate(self.m_scales))), shares
         # from the last update where they cannot have changed
         known = form is self.m_lean and self.m_shares is not None and not dr.grad_enabled(params)
-        return model, self.m_shares if known else sampling.shares(params, self.m_lobe_albedo, model)
+        return model, self.m_shares if known else lobe_mixture.shares(params, self.m_lobe_albedo, model)
 
     def _pdf(self, si, wo, form, params, active):
         model, shares = self._mixture(si, form, params)
-        return dr.select(active, sampling.pdf(si.wi, wo, params, shares, model), 0)
+        return dr.select(active, importance.pdf(si.wi, wo, params, shares, model), 0)
 
     def eval(self, ctx, si, wo, active=True):
         active = self._active(ctx, si, active) & (mi.Frame3f.cos_theta(wo) > 0)
@@ -389,7 +389,7 @@ class Enhanced(mi.BSDF):
         form, params, folded = self._prepare(si, active)
         bs = mi.BSDFSample3f()
         model, shares = self._mixture(si, form, params)
-        bs.wo = sampling.sample(si.wi, params, shares, sample1, sample2, model)
+        bs.wo = importance.sample(si.wi, params, shares, sample1, sample2, model)
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
         bs.pdf = self._pdf(si, bs.wo, form, params, active)
         active &= bs.pdf > 0

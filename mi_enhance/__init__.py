@@ -50,7 +50,7 @@ _MODULES = {
     "losses": "mi_enhance.losses",
     "metrics": "mi_enhance.metrics",
     "models": "mi_enhance.analytic.models",
-    "sampling": "mi_enhance.sampling",
+    "sampling": "mi_enhance.sampling.importance",
     "terms": "mi_enhance.analytic.terms",
 }
 __all__ = ["__version__", *_MODULES, *_PUBLIC]

@@ -11,17 +11,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import prior, sampling
+from . import prior
 from .analytic import parameter_space, parameters
 from .data.measurements import Measurements
 from .determined import determined
 from .losses import log_l1
 from .material import Material
-from .mixture import mixture
 from .neural.enhanced_brdf import EnhancedBRDF
 from .normalise import normalise, plain
 from .numerics import levenberg_marquardt
 from .objective import Objective, stacked
+from .sampling import albedo
+from .sampling.mixture_fit import mixture
 from .system.variants import require_rgb
 
 METHODS = ("lm", "rmsprop")
@@ -60,7 +61,7 @@ def fit(
         otherwise. Networks that have no such parameter are reciprocal, or (``inputs="directions"``) cannot be.
     energy : bool
         Bound the directional albedo of the result by 1, even where the file reflects more than it receives: the factors
-        of :mod:`mi_enhance.energy` are put on what was fitted without them.
+        of :mod:`mi_enhance.sampling.energy_bound` are put on what was fitted without them.
     seed : int
         Of the subset that the search for the right minimum uses.
     callback : callable, optional
@@ -134,9 +135,7 @@ def fit(
     fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None, energy=False))
     std, undetermined = determined(fitted, measurements, loss, _held(reciprocal))
     report = {**report, "std": std, "undetermined": undetermined}
-    fitted = dataclasses.replace(
-        fitted, report=report, lobe_albedo=sampling.lobe_albedo(fitted), mixture=mixture(fitted)
-    )
+    fitted = dataclasses.replace(fitted, report=report, lobe_albedo=albedo.lobe_albedo(fitted), mixture=mixture(fitted))
     return _bounded(fitted, measurements) if energy else fitted
 
 

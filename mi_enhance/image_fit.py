@@ -8,13 +8,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from . import photographs, sampling
+from . import photographs
 from .image_descent import Descent
 from .losses import log_l1
 from .material import Material
 from .metrics import psnr
 from .normalise import normalise
 from .placed import Placed
+from .sampling import albedo
 from .views import View
 
 _FINAL_SPP = 128
@@ -83,7 +84,7 @@ def result(descent: Descent, placed: Mapping[str, Placed], views, settings: dict
     for name, one in placed.items():
         if not one.is_textured:
             found = normalise(dataclasses.replace(one.read(descent.params), report=_of_material(report), library=None))
-            materials[name] = dataclasses.replace(found, lobe_albedo=sampling.lobe_albedo(found))
+            materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found))
     return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in views])
 
 

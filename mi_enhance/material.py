@@ -11,13 +11,13 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import energy, sampling
 from .analytic import alternative_terms, models, parameters
 from .neural import distilled_network
 from .neural.enhance import enhance
 from .neural.enhanced_brdf import EnhancedBRDF
 from .neural.mlp import flatten, unflatten
-from .sampling import Mixture
+from .sampling import energy_bound, lobe_mixture
+from .sampling.lobe_mixture import Mixture
 from .system import tensor_file
 from .system.bundled_files import DEFAULT_NETWORK, network_file
 from .system.files import replacing, require_file
@@ -43,11 +43,11 @@ class Material:
     library : array (M, n_parameters), optional
         Parameters of the training materials: where fits start. Only networks carry one, fitted materials do not.
     lobe_albedo : float
-        Albedo of the specular lobe for rho_s = 1; decides how often it is sampled, see :mod:`mi_enhance.sampling`.
+        Albedo of the specular lobe for rho_s = 1; decides how often it is sampled, see :mod:`mi_enhance.sampling.importance`.
     mixture : Mixture, optional
-        How it is sampled, found by :func:`mi_enhance.mixture.mixture`; by `lobe_albedo` alone if left out.
+        How it is sampled, found by :func:`mi_enhance.sampling.mixture_fit.mixture`; by `lobe_albedo` alone if left out.
     energy : bool
-        Hold the directional albedo at 1 or below, whatever the parameters are edited to, see :mod:`mi_enhance.energy`.
+        Hold the directional albedo at 1 or below, whatever the parameters are edited to, see :mod:`mi_enhance.sampling.energy_bound`.
 
     Examples
     --------
@@ -184,9 +184,9 @@ class Material:
         params = self.lanes()
         f = self.brdf(wi, wo, params)
         if self.energy:
-            shares = sampling.shares(params, self.lobe_albedo, self.brdf.model)
-            bound = energy.table(self.brdf, params, shares)
-            f *= energy.factor(bound, wi, params) * energy.factor(bound, wo, params)
+            shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
+            bound = energy_bound.table(self.brdf, params, shares)
+            f *= energy_bound.factor(bound, wi, params) * energy_bound.factor(bound, wo, params)
         return np.array(f).T
 
     def bsdf(self) -> mi.BSDF:
@@ -400,13 +400,13 @@ def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: 
     if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < 1e30:
         raise ValueError(f"{where}: lobe_albedo must be a number of at least 0; got {lobe_albedo!r}. Save it again.")
     energy = description.get("energy", False)
-    if not isinstance(energy, bool):
-        raise ValueError(f"{where}: energy must be true or false; got {energy!r}. Save it again.")
+    if not isinstance(energy_bound, bool):
+        raise ValueError(f"{where}: energy must be true or false; got {energy_bound!r}. Save it again.")
     report = description.get("report", {})
     if not isinstance(report, dict):
         raise ValueError(f"{where}: report must be an object {{ ... }}; got {report!r}. Save it again.")
     mixture = _mixture(description, brdf, where)
-    return Material(brdf, values, report, library, float(lobe_albedo), energy, mixture)
+    return Material(brdf, values, report, library, float(lobe_albedo), energy_bound, mixture)
 
 
 def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | None:
@@ -418,11 +418,11 @@ def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | Non
         scales, albedos = (np.array(description["mixture"][key], np.float64) for key in Mixture._fields)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: its mixture cannot be understood ({error!r}). Fit it again.") from error
-    good = scales.shape == (n,) and albedos.shape == (n + 1, sampling.NODES)
+    good = scales.shape == (n,) and albedos.shape == (n + 1, lobe_mixture.NODES)
     # 100, 1: far beyond what a fit tries, and what the largest albedo is scaled to
     if not (good and (scales > 0).all() and (scales <= 100).all() and (albedos >= 0).all() and (albedos <= 1).all()):
         raise ValueError(
-            f"{where}: its mixture must be {n} scale(s) in (0, 100] and albedos {(n + 1, sampling.NODES)} in [0, 1]; "
+            f"{where}: its mixture must be {n} scale(s) in (0, 100] and albedos {(n + 1, lobe_mixture.NODES)} in [0, 1]; "
             f"got scales {scales.tolist()} and albedos of shape {albedos.shape}. Fit it again."
         )
     return Mixture(tuple(scales.tolist()), tuple(map(tuple, albedos.tolist())))

@@ -14,10 +14,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import sampling
 from .analytic import parameters
 from .analytic.graph import Node
 from .material import Material
+from .sampling import importance
 
 _SAMPLES = 1 << 14
 
@@ -90,8 +90,8 @@ def _albedos(material: Material) -> list[tuple[float, float]]:
     wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))
     n_lobes = len(brdf.model.lobes(params))
     even = [mi.Float(0.5 / n_lobes)] * n_lobes
-    wo = sampling.sample(wi, params, even, u[2], mi.Point2f(u[3], u[4]), brdf.model)
-    density = sampling.pdf(wi, wo, params, even, brdf.model)
+    wo = importance.sample(wi, params, even, u[2], mi.Point2f(u[3], u[4]), brdf.model)
+    density = importance.pdf(wi, wo, params, even, brdf.model)
     graph, record, active = brdf.prepare(wi, wo, params)
     active &= density > 0
 

@@ -9,11 +9,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance import sampling
 from mi_enhance.check import check
 from mi_enhance.cli import main
 from mi_enhance.density import chi_square
 from mi_enhance.material import Material
+from mi_enhance.sampling import importance
 
 
 def verdicts(material):
@@ -41,8 +41,8 @@ def test_what_is_not_claimed_is_information(llvm):
 
 def test_a_density_that_is_not_the_samples_is_found(llvm, monkeypatch):
     """One off by 10 % where the lobe is."""
-    true = sampling.pdf
-    monkeypatch.setattr(sampling, "pdf", lambda *a, **k: true(*a, **k) * (1 + 0.1 * (a[1].x < 0)))
+    true = importance.pdf
+    monkeypatch.setattr(importance, "pdf", lambda *a, **k: true(*a, **k) * (1 + 0.1 * (a[1].x < 0)))
     found = verdicts(Material.analytic("ggx").edit(alpha_x=0.3, alpha_y=0.3))
     assert found["chi-square at 30°, p at least"] == "off"
 
@@ -95,8 +95,8 @@ def test_command_writes_what_it_found_and_fails_where_something_is_off(llvm, tmp
         "check.csv", "check.json", "check.md", "check.png",
     }  # fmt: skip
     assert np.array(mi.Bitmap(result["files"]["png"])).std() > 1  # not an empty picture
-    true = sampling.pdf
-    monkeypatch.setattr(sampling, "pdf", lambda *a, **k: 2 * true(*a, **k))
+    true = importance.pdf
+    monkeypatch.setattr(importance, "pdf", lambda *a, **k: 2 * true(*a, **k))
     assert main(arguments[:2] + arguments[4:]) == 1
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from plugin_scenes import ball, bitmap, directions, evaluate
 
-from mi_enhance import energy
 from mi_enhance.check import ALBEDO, RECIPROCITY, albedo
 from mi_enhance.material import Material
+from mi_enhance.sampling import energy_bound
 from mi_enhance.system.bundled_files import network_file
 
 BRIGHT = {"rho_d": 1.0, "rho_s": 1.0}
@@ -140,4 +140,6 @@ def test_factor_is_between_its_nodes(llvm):
     s = mi.Float(np.linspace(0.1, 1, 51))
     cos = np.float32([0, 1e-7, 0.3, 1, 2])
     expected = np.interp(np.clip(cos, 0, 1) ** 0.25 * 50, np.arange(51), np.linspace(0.1, 1, 51))
-    np.testing.assert_allclose(np.array(energy._between(s, mi.Float(cos))), expected, rtol=1e-5)  # two roots in float32
+    np.testing.assert_allclose(
+        np.array(energy_bound._between(s, mi.Float(cos))), expected, rtol=1e-5
+    )  # two roots in float32

@@ -13,11 +13,11 @@ import pytest
 from plugin_scenes import hit
 from test_plugin_sampling import view
 
-from mi_enhance import sampling
 from mi_enhance.density import chi_square
 from mi_enhance.material import Material
-from mi_enhance.mixture import mixture
-from mi_enhance.sampling import MIN_SHARE, NODES, Mixture
+from mi_enhance.sampling import lobe_mixture
+from mi_enhance.sampling.lobe_mixture import MIN_SHARE, NODES, Mixture
+from mi_enhance.sampling.mixture_fit import mixture
 
 SHAPES = {
     "glossy": {"rho_d": 0.3, "rho_s": 0.5, "rho_s2": 0.3, "F0": 0.05, "alpha_x": 0.1, "alpha_y": 0.1},
@@ -68,18 +68,18 @@ def test_shares_follow_colours(llvm):
     model = Material.analytic("ggx2").brdf.model
     albedos = mi.Float(np.repeat([0.2, 0.6, 1.0], NODES))
     p = Material.analytic("ggx2").edit(rho_d=0.5, rho_s=2.0, rho_s2=0.5).lanes()
-    got = [float(s[0]) for s in sampling.shares_at(mi.Float(0.3), p, albedos, model)]
+    got = [float(s[0]) for s in lobe_mixture.shares_at(mi.Float(0.3), p, albedos, model)]
     parts = np.array([2.0 * 0.2, 0.5 * 0.6, 0.5 * 1.0])
     expected = MIN_SHARE + (1 - 3 * MIN_SHARE) * parts / parts.sum()
     np.testing.assert_allclose(got, expected[:2], rtol=1e-4)  # 1e-6 is added to each colour
     del p["rho_s"]
-    (only,) = sampling.shares_at(mi.Float(0.3), p, albedos, model)
+    (only,) = lobe_mixture.shares_at(mi.Float(0.3), p, albedos, model)
     assert only[0] == pytest.approx(MIN_SHARE + (1 - 2 * MIN_SHARE) * 0.3 / 0.8, rel=1e-4)
 
 
 def test_black_material_still_has_shares(llvm):
     p = Material.analytic("ggx2").edit(rho_d=0, rho_s=0, rho_s2=0).lanes()
-    shares = sampling.shares_at(mi.Float(1), p, mi.Float(np.ones(3 * NODES)), Material.analytic("ggx2").brdf.model)
+    shares = lobe_mixture.shares_at(mi.Float(1), p, mi.Float(np.ones(3 * NODES)), Material.analytic("ggx2").brdf.model)
     assert all(0.3 < s[0] < 0.4 for s in shares)
 
 

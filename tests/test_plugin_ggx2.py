@@ -14,7 +14,6 @@ from plugin_scenes import ball, bitmap, close, directions, evaluate, hit, vector
 from test_plugin_sampling import NOISE, QUADRATURE, SIGNIFICANCE, albedo_by_sampling, view
 from test_sampling_lobes import cells
 
-from mi_enhance import sampling
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements
 from mi_enhance.fit import fit
@@ -22,6 +21,7 @@ from mi_enhance.imitate import imitate
 from mi_enhance.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
+from mi_enhance.sampling import albedo
 
 
 def random_networks():
@@ -31,7 +31,7 @@ def random_networks():
     p = {k: v[0] for k, v in twin_networks.parameters(b, 1, seed=2).items()}
     frame = {"n_x": 0.1, "n_y": -0.05, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.3, "alpha_x2": 0.5, "alpha_y2": 0.6}
     m = Material(b, {**p, **frame, "rho_d": (0.3, 0.2, 0.1), "rho_s": (0.5, 0.4, 0.2), "rho_s2": 0.3, "F0": 0.3})
-    return dataclasses.replace(m, lobe_albedo=sampling.lobe_albedo(m))
+    return dataclasses.replace(m, lobe_albedo=albedo.lobe_albedo(m))
 
 
 def fitted_networks():

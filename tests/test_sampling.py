@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import twin
 
-from mi_enhance import models, sampling
+from mi_enhance import models
 from mi_enhance.material import Material
+from mi_enhance.sampling import albedo, importance, lobe_mixture
 
 QUADRATURE = 2e-3  # of 1e6 midpoints with a horizon cut through them
 DRAWN = 5e-3  # three standard deviations of a fraction of 1e5 samples
@@ -48,7 +49,7 @@ def fraction_above(wi, p, share, n=100_000):
     """Share of the samples above both horizons."""
     rng = np.random.default_rng(0)
     u = [mi.Float(v) for v in rng.random((3, n)).astype(np.float32)]
-    wo = np.array(sampling.sample(mi.Vector3f(wi), p, [mi.Float(share)], u[0], mi.Point2f(u[1], u[2]))).T
+    wo = np.array(importance.sample(mi.Vector3f(wi), p, [mi.Float(share)], u[0], mi.Point2f(u[1], u[2]))).T
     np.testing.assert_allclose(np.linalg.norm(wo, axis=1), 1, atol=1e-5)
     n_axis = twin.frame(*(np.array(p[k])[0] for k in ("n_x", "n_y", "t_theta")))[2]
     return np.mean((wo[:, 2] > 0) & (wo @ n_axis > 0))
@@ -62,7 +63,7 @@ def test_density_of_the_lobe_integrates_to_what_is_above_the_horizon(llvm, alpha
     if twin.frame(*frame)[2] @ wi <= 0.01:
         pytest.skip("the view is below the horizon of the tilted normal")
     wo, weight = reflected_grid(wi, alpha, frame)
-    density = np.array(sampling.pdf(mi.Vector3f(wi), lanes.vectors(wo), p, [mi.Float(1)]), np.float64)
+    density = np.array(importance.pdf(mi.Vector3f(wi), lanes.vectors(wo), p, [mi.Float(1)]), np.float64)
     integral = np.sum(density * weight)
     assert integral <= 1 + QUADRATURE
     assert integral == pytest.approx(fraction_above(wi, p, 1.0), abs=QUADRATURE + DRAWN)
@@ -76,7 +77,7 @@ def test_density_of_the_mixture_integrates_to_what_is_above_the_horizon(llvm, fr
     z, phi = np.meshgrid((np.arange(1000) + 0.5) / 1000, (np.arange(1000) + 0.5) / 1000 * 2 * np.pi)
     r = np.sqrt(1 - z * z)
     wo = np.stack([r * np.cos(phi), r * np.sin(phi), z], -1).reshape(-1, 3)
-    density = np.array(sampling.pdf(mi.Vector3f(wi), lanes.vectors(wo), p, [mi.Float(0.4)]), np.float64)
+    density = np.array(importance.pdf(mi.Vector3f(wi), lanes.vectors(wo), p, [mi.Float(0.4)]), np.float64)
     integral = density.mean() * 2 * np.pi
     assert integral == pytest.approx(fraction_above(wi, p, 0.4), abs=QUADRATURE + DRAWN)
     assert 0.8 < integral < 1 + QUADRATURE
@@ -89,7 +90,7 @@ def test_random_numbers_on_the_rim_give_directions(llvm, alpha):
     u = [mi.Float(v.ravel()) for v in np.meshgrid(rim, rim, rim)]
     for theta in VIEWS.values():
         wi = mi.Vector3f(view(theta))
-        wo = sampling.sample(wi, parameters(alpha, FLAT), [mi.Float(0.5)], u[0], mi.Point2f(u[1], u[2]))
+        wo = importance.sample(wi, parameters(alpha, FLAT), [mi.Float(0.5)], u[0], mi.Point2f(u[1], u[2]))
         np.testing.assert_allclose(np.linalg.norm(np.array(wo), axis=0), 1, atol=1e-5)  # NaN would not be close
 
 
@@ -98,7 +99,7 @@ def test_density_is_zero_below_either_horizon(llvm):
     wi, wo = twin.unit(rng.normal(size=(2, 4000, 3))).astype(np.float32)
     n = twin.frame(*TILTED)[2]
     density = np.array(
-        sampling.pdf(lanes.vectors(wi), lanes.vectors(wo), parameters((0.3, 0.3), TILTED), [mi.Float(0.5)])
+        importance.pdf(lanes.vectors(wi), lanes.vectors(wo), parameters((0.3, 0.3), TILTED), [mi.Float(0.5)])
     )
     below = (np.minimum(wi[:, 2], wo[:, 2]) <= 0) | (np.minimum(wi @ n, wo @ n) < -1e-6)
     above = (np.minimum(wi[:, 2], wo[:, 2]) > 0) & (np.minimum(wi @ n, wo @ n) > 1e-3)
@@ -120,8 +121,8 @@ def test_weights_are_bounded(llvm, alpha, frame):
     wi = np.stack([np.sqrt(1 - cos**2) * np.cos(phi), np.sqrt(1 - cos**2) * np.sin(phi), cos], 1)
     u = [mi.Float(v) for v in rng.random((3, n)).astype(np.float32)]
     p, share, view = parameters(alpha, frame), [mi.Float(0.5)], lanes.vectors(wi)
-    wo = sampling.sample(view, p, share, u[0], mi.Point2f(u[1], u[2]))
-    density = np.array(sampling.pdf(view, wo, p, share))
+    wo = importance.sample(view, p, share, u[0], mi.Point2f(u[1], u[2]))
+    density = np.array(importance.pdf(view, wo, p, share))
     f = np.array(Material.analytic("ggx").brdf(view, wo, p)).max(0)
     assert np.isfinite(density).all() and (density >= 0).all() and np.isfinite(f).all()
     drawn = density > 0
@@ -144,7 +145,7 @@ def test_weights_are_bounded(llvm, alpha, frame):
 )
 def test_share_follows_the_albedos_and_never_leaves_a_technique_out(llvm, rho_d, rho_s, lobe, expected):
     p = {"rho_d": mi.Color3f(rho_d), "rho_s": mi.Color3f(rho_s), "alpha_x": mi.Float(0.1), "alpha_y": mi.Float(0.1)}
-    (share,) = sampling.shares(p, lobe)
+    (share,) = lobe_mixture.shares(p, lobe)
     assert share[0] == pytest.approx(expected, abs=1e-4)
 
 
@@ -157,7 +158,7 @@ def test_lobe_albedo_is_the_albedo_of_the_lobe(llvm, alpha):
     pairs = np.broadcast_to(wi, wo[keep].shape), wo[keep]
     f = twin.brdf(*pairs, {**material.params, "rho_d": np.zeros(3), "rho_s": np.ones(3)})[:, 0]
     expected = np.sum(f * wo[keep, 2] * weight[keep])
-    assert sampling.lobe_albedo(material) == pytest.approx(expected, rel=0.05)  # its purpose asks for no more
+    assert albedo.lobe_albedo(material) == pytest.approx(expected, rel=0.05)  # its purpose asks for no more
 
 
 def weights(name, p, n=20_000, seed=2):
@@ -168,8 +169,8 @@ def weights(name, p, n=20_000, seed=2):
     wi = np.stack([np.sqrt(1 - cos**2) * np.cos(phi), np.sqrt(1 - cos**2) * np.sin(phi), cos], 1)
     u = [mi.Float(v) for v in rng.random((3, n)).astype(np.float32)]
     share, view = [mi.Float(0.5)], lanes.vectors(wi)
-    wo = sampling.sample(view, p, share, u[0], mi.Point2f(u[1], u[2]), model)
-    density = np.array(sampling.pdf(view, wo, p, share, model))
+    wo = importance.sample(view, p, share, u[0], mi.Point2f(u[1], u[2]), model)
+    density = np.array(importance.pdf(view, wo, p, share, model))
     f = np.array(Material.analytic(name).brdf(view, wo, p)).max(0)
     assert np.isfinite(density).all() and (density >= 0).all() and np.isfinite(f).all()
     drawn = density > 0

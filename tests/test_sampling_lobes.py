@@ -9,8 +9,9 @@ import pytest
 import twin
 from test_plugin_sampling import view
 
-from mi_enhance import models, sampling
+from mi_enhance import models
 from mi_enhance.material import Material
+from mi_enhance.sampling import albedo, importance, lobe_mixture
 
 DRAWN = 5e-3  # three standard deviations of a fraction of 1e5 samples
 N = 100_000
@@ -36,12 +37,12 @@ def parameters(pair, frame=FLAT, **other):
 def drawn(wi, p, shares, n=N, seed=0):
     """Samples (n, 3) for one view, or for each of the views (n, 3)."""
     u = [mi.Float(v) for v in np.random.default_rng(seed).random((3, n)).astype(np.float32)]
-    wo = sampling.sample(lanes.vectors(np.atleast_2d(wi)), p, floats(shares), u[0], mi.Point2f(u[1], u[2]), MODEL)
+    wo = importance.sample(lanes.vectors(np.atleast_2d(wi)), p, floats(shares), u[0], mi.Point2f(u[1], u[2]), MODEL)
     return np.array(wo, np.float64).T
 
 
 def density(wi, wo, p, shares):
-    value = sampling.pdf(lanes.vectors(np.atleast_2d(wi)), lanes.vectors(wo), p, floats(shares), MODEL)
+    value = importance.pdf(lanes.vectors(np.atleast_2d(wi)), lanes.vectors(wo), p, floats(shares), MODEL)
     return np.array(value, np.float64)
 
 
@@ -99,7 +100,7 @@ def test_density_is_that_of_each_lobe_in_proportion(llvm):
     p = parameters((first, second))
     lobe = lambda a: {**p, "alpha_x": mi.Float(a[0]), "alpha_y": mi.Float(a[1])}  # noqa: E731
     single = [{k: v for k, v in lobe(alpha).items() if not k.endswith("2")} for alpha in (first, second)]
-    one = [np.array(sampling.pdf(lanes.vectors([wi]), lanes.vectors(wo), q, floats([1]))) for q in single]
+    one = [np.array(importance.pdf(lanes.vectors([wi]), lanes.vectors(wo), q, floats([1]))) for q in single]
     expected = 0.3 * one[0] + 0.5 * one[1] + 0.2 * wo[:, 2] / np.pi
     np.testing.assert_allclose(density(wi, wo, p, SHARES), expected, rtol=1e-5)
 
@@ -123,7 +124,7 @@ def test_density_is_that_of_each_lobe_in_proportion(llvm):
 )
 def test_shares_follow_the_strengths_and_never_leave_a_technique_out(llvm, rho_d, rho_s, rho_s2, lobe, expected):
     p = parameters(PAIRS["crossed"], rho_d=rho_d, rho_s=rho_s, rho_s2=rho_s2)
-    got = [s[0] for s in sampling.shares(p, lobe, MODEL)]
+    got = [s[0] for s in lobe_mixture.shares(p, lobe, MODEL)]
     assert got == pytest.approx(expected, abs=1e-4)
 
 
@@ -133,7 +134,7 @@ def test_shares_of_any_material_are_probabilities(llvm):
     p |= {k: np.full((1000, 1), 0.2) for k in ("alpha_x", "alpha_y", "alpha_x2", "alpha_y2")}
     p["rho_s"] *= 10
     for lobe in (0.0, 1e-3, 1.0, 1e4):
-        a, b = (np.array(s) for s in sampling.shares(lanes.parameters(p), lobe, MODEL))
+        a, b = (np.array(s) for s in lobe_mixture.shares(lanes.parameters(p), lobe, MODEL))
         assert min(a.min(), b.min()) >= 0.05 - 1e-6 and (a + b).max() <= 0.95 + 1e-6  # float32 sums
         stronger = p["rho_s"].mean(1) > p["rho_s2"].mean(1) + 1e-3
         assert (a >= b - 1e-6)[stronger].all() and (a <= b + 1e-6)[
@@ -180,4 +181,4 @@ def test_lobe_albedo_is_that_of_all_lobes(llvm, pair):
     wi, wo = np.float32([0.5, 0, np.sqrt(0.75)]), cells(1, 1, 1000)
     f = twin.analytic("ggx2", np.tile(wi, (len(wo), 1)), wo, {**material.params, "rho_d": np.zeros(3)})[:, 0]
     # both lobes together for a strength of 4
-    assert sampling.lobe_albedo(material) == pytest.approx(np.mean(f * wo[:, 2]) * 2 * np.pi / 4, rel=0.05)
+    assert albedo.lobe_albedo(material) == pytest.approx(np.mean(f * wo[:, 2]) * 2 * np.pi / 4, rel=0.05)

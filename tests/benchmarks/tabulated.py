@@ -63,7 +63,7 @@ def bsdf(table: np.ndarray, lobe: Material) -> mi.BSDF:
     table : array
         From `tabulate`.
     lobe : Material
-        Fitted GGX: directions are drawn from its lobe and the cosine, as `mi_enhance.sampling` does.
+        Fitted GGX: directions are drawn from its lobe and the cosine, as `mi_enhance.sampling.importance` does.
 
     Returns
     -------

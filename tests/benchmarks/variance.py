@@ -21,7 +21,7 @@ from common import finish
 
 from mi_enhance import data, fit
 from mi_enhance.material import Material
-from mi_enhance.sampling import NODES, Mixture
+from mi_enhance.sampling.lobe_mixture import NODES, Mixture
 from mi_enhance.system.files import replacing
 from mi_enhance.timing import clock, machine
 

@@ -12,10 +12,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import sampling
-from .neural import cooperative
-from .numerics import sequences
-from .sampling import MIN_SHARE, NODES, Mixture
+from ..neural import cooperative
+from ..numerics import sequences
+from . import importance, lobe_mixture
+from .lobe_mixture import MIN_SHARE, NODES, Mixture
 
 _SCALES = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5)  # of the roughness of a lobe
 _AZIMUTHS, _SAMPLES = 4, 1024  # of each cosine; directions of each view
@@ -75,7 +75,7 @@ def _tabulate(material) -> tuple[list[float], np.ndarray, np.ndarray]:
     lobes = model.lobes(params)
     colours = [float(dr.mean(rho)[0]) for rho, *_ in lobes] + [float(material.params["rho_d"].mean())]
     # candidates next to one another overlap: every other scale covers them all
-    wide = sampling.scaled(model, [(k, c) for k in range(len(lobes)) for c in _SCALES[::2]])
+    wide = lobe_mixture.scaled(model, [(k, c) for k in range(len(lobes)) for c in _SCALES[::2]])
     even = [mi.Float(1 / (len(lobes) * len(_SCALES[::2]) + 1))] * (len(lobes) * len(_SCALES[::2]))
     n = NODES * _AZIMUTHS * _SAMPLES
     k = dr.arange(mi.UInt32, n)
@@ -85,16 +85,16 @@ def _tabulate(material) -> tuple[list[float], np.ndarray, np.ndarray]:
     cos = dr.maximum(dr.square(mi.Float(view // _AZIMUTHS) / (NODES - 1)), 0.005)
     sin, (s, c) = dr.safe_sqrt(1 - cos * cos), dr.sincos(mi.Float(view % _AZIMUTHS) * (dr.two_pi / _AZIMUTHS) + 0.4)
     wi = mi.Vector3f(sin * c, sin * s, cos)
-    wo = sampling.sample(wi, params, even, u[0], mi.Point2f(u[1], u[2]), wide)
-    q = sampling.pdf(wi, wo, params, even, wide)
+    wo = importance.sample(wi, params, even, u[0], mi.Point2f(u[1], u[2]), wide)
+    q = importance.pdf(wi, wo, params, even, wide)
     dr.eval(wi, wo, q)
     f = mi.Color3f(material.brdf(wi, wo, params, material.brdf.evaluators(cooperative.Cooperative)))
     g = dr.select(q > 0, dr.norm(f) * wo.z / q, 0)
     densities = [
-        sampling.pdf(wi, wo, params, [mi.Float(1)], sampling.scaled(model, [(k, c)]))
+        importance.pdf(wi, wo, params, [mi.Float(1)], lobe_mixture.scaled(model, [(k, c)]))
         for k in range(len(lobes))
         for c in _SCALES
-    ] + [sampling.pdf(wi, wo, params, [], dataclasses.replace(model, lobes=lambda _: []))]
+    ] + [importance.pdf(wi, wo, params, [], dataclasses.replace(model, lobes=lambda _: []))]
     densities = [dr.select(q > 0, p / q, 0) for p in densities]
     dr.eval(g, densities)
     shape = NODES, _AZIMUTHS * _SAMPLES

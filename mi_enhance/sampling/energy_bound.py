@@ -15,11 +15,11 @@ from collections.abc import Mapping
 import drjit as dr
 import mitsuba as mi
 
-from . import sampling
-from .analytic import geometry
-from .neural import cooperative
-from .neural.enhanced_brdf import EnhancedBRDF
-from .numerics import sequences
+from ..analytic import geometry
+from ..neural import cooperative
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..numerics import sequences
+from . import importance
 
 # Evenly spaced in the fourth root of the cosine: the albedo changes most in the last degrees. Node 1 is at 2e-7; node 5
 # at geometry.MIN_COS, where terms have a kink and the albedo of some a peak.
@@ -44,7 +44,7 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
     params : dict
         Parameters of the material, one lane each, RGB colours.
     shares : list of mi.Float
-        Of its lobes in sampling, see :func:`mi_enhance.sampling.shares`.
+        Of its lobes in sampling, see :func:`mi_enhance.sampling.lobe_mixture.shares`.
 
     Returns
     -------
@@ -108,8 +108,8 @@ def _reflected(brdf: EnhancedBRDF, params: Mapping, shares: list) -> tuple[mi.Fl
     sin, (s, c) = dr.safe_sqrt(1 - cos * cos), dr.sincos(mi.Float(view % _AZIMUTHS) * (dr.two_pi / _AZIMUTHS))
     frame = geometry.frame_of(params)
     wi = frame.to_world(mi.Vector3f(sin * c, sin * s, cos))
-    wo = sampling.sample(wi, params, shares, u[0], mi.Point2f(u[1], u[2]), brdf.model)
-    density = sampling.pdf(wi, wo, params, shares, brdf.model)
+    wo = importance.sample(wi, params, shares, u[0], mi.Point2f(u[1], u[2]), brdf.model)
+    density = importance.pdf(wi, wo, params, shares, brdf.model)
     dr.eval(wi, wo, density)  # the networks in a kernel of their own compile faster
     f = mi.Color3f(brdf(wi, wo, params, brdf.evaluators(cooperative.Cooperative)))
     value = dr.select(density > 0, f * (wo.z / density), 0)

@@ -1,0 +1,1 @@
+"""Importance sampling (section 5.2 of the paper)."""

@@ -1,0 +1,118 @@
+"""How often each lobe of a material is sampled."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+
+from ..analytic import parameters
+from ..analytic.models.model import Model
+from .importance import _GGX
+
+# Neither technique is ever left to chance alone: a share of 5 % bounds the weight of what the other one misses.
+MIN_SHARE = 0.05
+
+
+NODES = 8  # of a mixture, evenly spaced in the square root of the cosine
+
+
+class Mixture(NamedTuple):
+    """How a material is sampled: found by :func:`mi_enhance.sampling.mixture_fit.mixture`, kept in its file.
+
+    Parameters
+    ----------
+    scales : tuple of float
+        Factor on the roughness of each lobe of the model.
+    albedos : tuple of tuple of float
+        For each lobe, and last for the cosine, at NODES angles of the view from the horizon up: its share is in
+        proportion to this times its colour, so that edits of colours carry over.
+    """
+
+    scales: tuple[float, ...]
+    albedos: tuple[tuple[float, ...], ...]
+
+
+def scaled(model: Model, lobes: Sequence[tuple]) -> Model:
+    """The model with other lobes to sample: (index of the own lobe, factor on its roughness) of each.
+
+    Examples
+    --------
+    >>> wide = scaled(_GGX, [(0, 2.0)])
+    >>> wide.lobes({"rho_s": mi.Color3f(1), "alpha_x": mi.Float(0.1), "alpha_y": mi.Float(0.2)})[0][1:]
+    ([0.2], [0.4])
+    """
+    absent = dict.fromkeys(parameters.colours(model.parameters))
+
+    def result(params):
+        own = model.lobes({**absent, **params})
+        # 1e-4 to 1: where Mitsuba's own microfacet distribution ends, and where there is nothing wider
+        return [(own[k][0], *(dr.clip(a * c, 1e-4, 1) for a in own[k][1:])) for k, c in lobes if own[k][0] is not None]
+
+    return dataclasses.replace(model, lobes=result)
+
+
+def shares_at(cos: mi.Float, params: Mapping, albedos: mi.Float, model: Model) -> list[mi.Float]:
+    """Probability of sampling each lobe at a view, for a :class:`Mixture`; the cosine has the rest.
+
+    Parameters
+    ----------
+    cos : mi.Float, N lanes
+        Cosine of the view to the surface's normal.
+    params : dict
+        As for :func:`shares`; a colour that is left out takes its lobe with it.
+    albedos : mi.Float
+        Those of the mixture, lobe after lobe.
+    model : Model
+
+    Returns
+    -------
+    list of mi.Float
+        At least 0.05 each.
+    """
+    absent = dict.fromkeys(parameters.colours(model.parameters))
+    strengths = [rho for rho, *_ in model.lobes({**absent, **params})] + [params.get("rho_d")]
+    x = dr.sqrt(dr.clip(cos, 0, 1)) * (NODES - 1)
+    k = dr.minimum(mi.UInt32(x), NODES - 2)
+    weights = []
+    for j, rho in enumerate(strengths):
+        if rho is not None:
+            ends = (dr.gather(mi.Float, albedos, k + (j * NODES + d)) for d in (0, 1))
+            # 1e-6: a black material samples all alike
+            weights.append((dr.mean(rho) + 1e-6) * dr.lerp(*ends, x - mi.Float(k)))
+    n = len([rho for rho in strengths[:-1] if rho is not None])
+    # 1e-12: both factors may be 1e-6
+    free = (1 - MIN_SHARE * (n + 1)) / dr.maximum(sum(weights), 1e-12) if weights else 0
+    return [MIN_SHARE + free * w for w in weights[:n]]
+
+
+def shares(params: Mapping, lobe_albedo, model: Model = _GGX) -> list[mi.Float]:
+    """Probability of sampling each lobe: its part of the albedo; the cosine has the rest.
+
+    Parameters
+    ----------
+    params : dict
+        Parameter values, 1 or N lanes; reads ``rho_d`` and what the model's lobes are made of. A colour that is left
+        out counts as 0: such a lobe is not sampled.
+    lobe_albedo : mi.Float or float
+        Albedo of all lobes for rho_s = 1, at normal incidence (:func:`lobe_albedo`).
+    model : Model
+        The analytic model.
+
+    Returns
+    -------
+    list of mi.Float
+        At least 0.05 each, at most 0.95 together.
+    """
+    strengths = [dr.mean(rho_s) for rho_s, *_ in model.lobes(params)]
+    if not strengths:
+        return []
+    diffuse = dr.mean(params["rho_d"]) if "rho_d" in params else 0
+    specular = sum(strengths) * lobe_albedo
+    # 1e-6: a black material samples the cosine, one without any lobe all of them alike
+    total = dr.clip(specular / (specular + diffuse + 1e-6), MIN_SHARE * len(strengths), 1 - MIN_SHARE)
+    free = total - MIN_SHARE * len(strengths)
+    return [MIN_SHARE + free * (s + 1e-6) / (sum(strengths) + 1e-6 * len(strengths)) for s in strengths]
