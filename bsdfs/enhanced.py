@@ -107,8 +107,8 @@ import numpy as np
 
 from mi_enhance.analytic import parameters
 from mi_enhance.analytic.models.model import Model
-from mi_enhance.maps import MaterialMaps
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
+from mi_enhance.material.material_maps import MaterialMaps
 from mi_enhance.neural import baked, cooperative
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 from mi_enhance.neural.simplify import lean

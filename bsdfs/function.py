@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 
 
 def of_function(f: Callable, lobe: Material) -> mi.BSDF:

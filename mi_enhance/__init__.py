@@ -25,8 +25,8 @@ __version__ = "0.1.0"
 
 # public name: the module that holds it, or the module itself where the last part is the name
 _PUBLIC = {
-    "Material": "mi_enhance.material",
-    "MaterialMaps": "mi_enhance.maps",
+    "Material": "mi_enhance.material.material",
+    "MaterialMaps": "mi_enhance.material.material_maps",
     "View": "mi_enhance.views",
     "check": "mi_enhance.check",
     "compare": "mi_enhance.compare",
@@ -34,7 +34,7 @@ _PUBLIC = {
     "fit": "mi_enhance.fit",
     "fit_images": "mi_enhance.inverse",
     "fit_texels": "mi_enhance.texels",
-    "load": "mi_enhance.material",
+    "load": "mi_enhance.material.material",
     "read_views": "mi_enhance.view_files",
     "render_views": "mi_enhance.views",
     "search": "mi_enhance.search",

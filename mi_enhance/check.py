@@ -11,7 +11,7 @@ import numpy as np
 
 from .analytic import geometry
 from .density import SIGNIFICANCE, chi_square
-from .material import Material
+from .material.material import Material
 from .numerics import sequences
 
 RECIPROCITY = 1e-6  # relative: float32 knows no more of a product of a dozen factors

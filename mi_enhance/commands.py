@@ -129,7 +129,7 @@ def render(args: argparse.Namespace) -> dict:
 def show(args: argparse.Namespace) -> dict:
     output = _output(args.output, (".bsdf",)) if args.output else None
     _set_variant(args.variant)
-    from .material import Material
+    from .material.material import Material
 
     material = Material.load(args.file)
     if args.edits:
@@ -146,7 +146,7 @@ def check(args: argparse.Namespace) -> dict:
     from tqdm import tqdm
 
     from .check import COLUMNS, check
-    from .material import Material
+    from .material.material import Material
     from .output.table import print_table
 
     material = Material.load(args.file)
@@ -165,7 +165,7 @@ def check(args: argparse.Namespace) -> dict:
 def specialize(args: argparse.Namespace) -> dict:
     output = _output(args.output, (".bsdf",))
     _set_variant(args.variant)
-    from .material import Material
+    from .material.material import Material
     from .specialize import specialize
 
     material = Material.load(args.file)
@@ -373,7 +373,7 @@ def _json_or_text(value: str):
 
 
 def _network(name: str):
-    from .material import Material
+    from .material.material import Material
 
     return Material.analytic(name) if name.endswith(".toml") else Material.load(_network_path(name))
 

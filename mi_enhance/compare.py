@@ -120,7 +120,7 @@ def default_models(network=None):
     >>> list(default_models())
     ['GGX', 'enhanced GGX']
     """
-    from .material import Material
+    from .material.material import Material
 
     return {"GGX": Material.analytic("ggx"), "enhanced GGX": network or Material.network()}
 

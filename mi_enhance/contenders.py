@@ -17,7 +17,7 @@ import numpy as np
 from . import rivals
 from .data.measurements import Measurements
 from .fit import fit
-from .material import Material
+from .material.material import Material
 from .specialize import SIZES, specialize
 from .system.files import replacing
 

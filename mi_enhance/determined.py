@@ -9,7 +9,7 @@ import numpy as np
 
 from .analytic import parameter_space, parameters
 from .data.measurements import Measurements
-from .material import Material
+from .material.material import Material
 from .objective import Objective
 
 # Residuals count as at least this much: below it is what float32 and the model's own shape leave, not information.

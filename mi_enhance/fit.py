@@ -16,9 +16,9 @@ from .analytic import parameter_space, parameters
 from .data.measurements import Measurements
 from .determined import determined
 from .losses import log_l1
-from .material import Material
+from .material.colour_normalization import normalise, plain
+from .material.material import Material
 from .neural.enhanced_brdf import EnhancedBRDF
-from .normalise import normalise, plain
 from .numerics import levenberg_marquardt
 from .objective import Objective, stacked
 from .sampling import albedo

@@ -11,9 +11,9 @@ import numpy as np
 from . import photographs
 from .image_descent import Descent
 from .losses import log_l1
-from .material import Material
+from .material.colour_normalization import normalise
+from .material.material import Material
 from .metrics import psnr
-from .normalise import normalise
 from .placed import Placed
 from .sampling import albedo
 from .views import View

@@ -14,8 +14,8 @@ from . import unknowns as unknown_parameters
 from .analytic.parameters import Parameter
 from .image_descent import Descent
 from .image_fit import RECENT, ImageFit, result
-from .material import Material
-from .normalise import plain
+from .material.colour_normalization import plain
+from .material.material import Material
 from .placed import Placed, find
 from .system.variants import require_rgb
 from .unknowns import Unknown

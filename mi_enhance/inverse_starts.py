@@ -10,7 +10,7 @@ import numpy as np
 
 from .analytic import parameter_space, parameters
 from .analytic.parameters import FRAME, Parameter
-from .material import Material
+from .material.material import Material
 from .neural.inputs import COLOURLESS
 from .photographs import Target
 from .placed import Placed, put

@@ -17,7 +17,7 @@ from . import distil
 from .analytic import geometry
 from .data.directions import half_difference
 from .data.measurements import Measurements
-from .material import Material
+from .material.material import Material
 from .neural import baked
 from .neural import inputs as inputs_module
 

@@ -21,7 +21,7 @@ from . import candidate, state
 from .analytic import models
 from .data.measurements import Measurements
 from .data.training import TrainingSet, build, gather
-from .material import Material
+from .material.material import Material
 from .neural.enhanced_brdf import EnhancedBRDF
 from .neural.inputs import INPUTS
 from .output.pareto import pareto

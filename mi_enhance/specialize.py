@@ -21,7 +21,7 @@ from .data.directions import sample_pairs
 from .data.measurements import Measurements
 from .fit import fit
 from .losses import log_l1
-from .material import Material
+from .material.material import Material
 from .neural import inputs as inputs_module
 from .neural import trainable
 from .neural.distilled_network import Compact

@@ -15,8 +15,8 @@ import numpy as np
 from . import prior
 from .analytic import parameter_space, parameters
 from .fit import analytic_starts
-from .maps import MaterialMaps
-from .material import Material
+from .material.material import Material
+from .material.material_maps import MaterialMaps
 from .neural.enhanced_brdf import EnhancedBRDF
 from .sampling import albedo
 from .surface import Surface, check

@@ -21,7 +21,7 @@ from .analytic import parameter_space, parameters
 from .data.training import TrainingSet, build
 from .fit import fit_analytic
 from .imitate import imitate
-from .material import Material
+from .material.material import Material
 from .neural import mlp, trainable
 from .neural.enhance import enhance
 from .neural.enhanced_brdf import EnhancedBRDF

@@ -18,7 +18,7 @@ import twin_networks
 
 from mi_enhance import models
 from mi_enhance.analytic import geometry, parameters
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.neural.mlp import flatten, unflatten
 from mi_enhance.system.bundled_files import network_file

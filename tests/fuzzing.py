@@ -15,8 +15,8 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import candidate, data, models
 from mi_enhance.data import merl, nps
 from mi_enhance.data.training import TrainingSet, jobs_of, sources_of
-from mi_enhance.maps import MaterialMaps
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
+from mi_enhance.material.material_maps import MaterialMaps
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 from mi_enhance.system import files

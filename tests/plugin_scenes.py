@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 
 # Every parameter away from its default, so that none can be mixed up or left out.

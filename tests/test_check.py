@@ -12,7 +12,7 @@ import pytest
 from mi_enhance.check import check
 from mi_enhance.cli import main
 from mi_enhance.density import chi_square
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.sampling import importance
 
 

@@ -54,7 +54,8 @@ def test_plugin_names_every_parameter():
 
 def test_examples_exist():
     """Terms and the names that the package exports are shown in use."""
-    from mi_enhance import enhance, fit, material, terms
+    from mi_enhance import enhance, fit, terms
+    from mi_enhance.material import material
 
     found = [f for n, f in vars(terms).items() if callable(f) and getattr(f, "__module__", "") == terms.__name__]
     for item in [*found, enhance, fit, material.Material]:

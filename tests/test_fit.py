@@ -10,7 +10,7 @@ import twin
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements, clamp_negative
 from mi_enhance.fit import fit
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 
 RECOVERED = 2e-4  # log-L1 of a fit to what the model can be: 1 % of what GGX leaves on measured materials

@@ -17,7 +17,7 @@ from mi_enhance.analytic.parameters import ALPHA_X, F0, N_X
 from mi_enhance.cli import main
 from mi_enhance.image_descent import Descent
 from mi_enhance.inverse import fit_images
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.unknowns import Unknown, of_plugin
 from mi_enhance.view_files import write_views
 from mi_enhance.views import around, render_views

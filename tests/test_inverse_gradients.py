@@ -9,7 +9,7 @@ import pytest
 from plugin_scenes import ball
 
 from mi_enhance import photographs, unknowns
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.placed import get, put
 from mi_enhance.views import around
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from plugin_scenes import ball, bitmap, close, directions, evaluate, hit, vectors
 
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural import baked, cooperative, mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.neural.simplify import lean

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plugin_scenes import analytic, ball, bitmap, close, directions, evaluate, material, scene
 
-from mi_enhance.maps import MaterialMaps
+from mi_enhance.material.material_maps import MaterialMaps
 
 N = 500
 

@@ -12,7 +12,7 @@ import pytest
 import twin
 import twin_networks
 
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.system import tensor_file

@@ -14,7 +14,7 @@ from plugin_scenes import hit
 from test_plugin_sampling import view
 
 from mi_enhance.density import chi_square
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.sampling import lobe_mixture
 from mi_enhance.sampling.lobe_mixture import MIN_SHARE, NODES, Mixture
 from mi_enhance.sampling.mixture_fit import mixture

@@ -25,9 +25,9 @@ from mi_enhance.analytic import geometry, parameters
 from mi_enhance.analytic.text_model import toml_model
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit
-from mi_enhance.material import Material
+from mi_enhance.material.colour_normalization import normalise
+from mi_enhance.material.material import Material
 from mi_enhance.neural.mlp import flatten, unflatten
-from mi_enhance.normalise import normalise
 
 # Relative: log(h_z) has an error of 6e-8, which the text multiplies by an exponent of up to 800.
 VALUE = 2e-4

@@ -19,7 +19,7 @@ from mi_enhance import data, enhance, models
 from mi_enhance.analytic import parameters
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit, objective
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 
 ROOT = Path(__file__).parent.parent
 

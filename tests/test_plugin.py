@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plugin_scenes import SUMMATION, VALUES, ball, close, directions, evaluate, hit, material, scene, vectors
 
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.system import bundled_files
 
 N = 2000

@@ -18,7 +18,7 @@ from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements
 from mi_enhance.fit import fit
 from mi_enhance.imitate import imitate
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.sampling import albedo

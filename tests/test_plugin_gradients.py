@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plugin_scenes import VALUES, bitmap, material, scene
 
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 
 PRB = {"type": "prb", "max_depth": 2, "hide_emitters": True}
 # Differences of two renders see the sampling change too, which `prb` rightly leaves out: noise of 500,000 paths.

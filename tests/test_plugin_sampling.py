@@ -10,7 +10,7 @@ from plugin_scenes import analytic, directions, hit, material, vectors
 
 from mi_enhance import models
 from mi_enhance.density import chi_square
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 
 SIGNIFICANCE = 0.01  # of all chi-square tests together: the Sidak correction asks the more of each, the more there are
 ROUNDING = 1e-4  # relative: near-mirror densities amplify the rounding of the half vector

@@ -9,7 +9,7 @@ import pytest
 from plugin_scenes import SUMMATION, VALUES, ball, bitmap, material, scene
 
 import mi_enhance
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)

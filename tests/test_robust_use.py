@@ -14,7 +14,7 @@ import pytest
 from plugin_scenes import SUMMATION, analytic, ball, material
 
 from mi_enhance import bsdfs
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 
 
 def image(scene):

@@ -9,7 +9,7 @@ import pytest
 import twin
 
 from mi_enhance import models
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.sampling import albedo, importance, lobe_mixture
 
 QUADRATURE = 2e-3  # of 1e6 midpoints with a horizon cut through them

@@ -10,7 +10,7 @@ import twin
 from test_plugin_sampling import view
 
 from mi_enhance import models
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.sampling import albedo, importance, lobe_mixture
 
 DRAWN = 5e-3  # three standard deviations of a fraction of 1e5 samples

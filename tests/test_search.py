@@ -20,7 +20,7 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 import mitsuba as mi  # isort: skip
 from mi_enhance import candidate, data, models, search, state
 from mi_enhance.data.random_terms import assorted
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))

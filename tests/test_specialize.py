@@ -17,7 +17,7 @@ from mi_enhance.data import synthetic
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit
 from mi_enhance.losses import log_l1
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural import distilled_network
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.specialize import specialize

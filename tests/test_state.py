@@ -13,7 +13,7 @@ import mitsuba as mi  # isort: skip
 
 from mi_enhance import enhance, models, state
 from mi_enhance.analytic import alternative_terms, geometry, parameters
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural import inputs
 
 GGX = models.get("ggx")

@@ -8,7 +8,7 @@ import pytest
 from mi_enhance.analytic import parameter_space, parameters
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fit import fit_analytic
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.numerics import levenberg_marquardt
 from mi_enhance.objective import stacked

@@ -13,7 +13,7 @@ import twin_networks
 
 from mi_enhance.analytic import parameters
 from mi_enhance.imitate import _random, imitate
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.train import train

@@ -85,7 +85,7 @@ def latent(n: int) -> Parameter:
 
 
 def norm(slot: str) -> Parameter:
-    """A constant added to the output, a logarithm, of the network for `slot`; see :mod:`mi_enhance.normalise`."""
+    """A constant added to the output, a logarithm, of the network for `slot`; see :mod:`mi_enhance.material.colour_normalization`."""
     return Parameter(f"norm_{slot}", 1, -20.0, 20.0, 0.0, fixed=True)
 
 

@@ -31,7 +31,7 @@ from common import finish, folder_name
 from mi_enhance import inverse, inverse_picture, inverse_starts, metrics, photographs, rivals, unknowns
 from mi_enhance import scene as scenes
 from mi_enhance.analytic import parameters
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.output.table import write_table
 from mi_enhance.system.files import material_name, replacing
 from mi_enhance.timing import machine

@@ -20,7 +20,7 @@ import numpy as np
 from common import finish
 
 from mi_enhance import data, fit
-from mi_enhance.material import Material
+from mi_enhance.material.material import Material
 from mi_enhance.sampling.lobe_mixture import NODES, Mixture
 from mi_enhance.system.files import replacing
 from mi_enhance.timing import clock, machine

@@ -1,7 +1,7 @@
 """A reflectance model from a TOML text: the formula, its terms as expressions, its parameters. See docs/files.md.
 
 What the rest of the package relies on is checked here, once: f is linear in the colours and each colour stands in one
-term, so edits, fits and :mod:`mi_enhance.normalise` may scale it; rho_d is the diffuse albedo and M the diffuse term.
+term, so edits, fits and :mod:`mi_enhance.material.colour_normalization` may scale it; rho_d is the diffuse albedo and M the diffuse term.
 """
 
 from __future__ import annotations

@@ -14,10 +14,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .analytic import parameters
-from .analytic.graph import Node
+from ..analytic import parameters
+from ..analytic.graph import Node
+from ..sampling import importance
 from .material import Material
-from .sampling import importance
 
 _SAMPLES = 1 << 14
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .analytic import parameters
+from ..analytic import parameters
+from ..neural import mlp
+from ..system.files import digest, replacing, require_file
 from .material import Material
-from .neural import mlp
-from .system.files import digest, replacing, require_file
 
 FORMAT = 1  # of the files; a reader refuses what is newer
 _KIND = "mi_enhance maps"

@@ -1,0 +1,1 @@
+"""A material: edited, shown, evaluated, saved, loaded."""
