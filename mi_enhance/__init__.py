@@ -31,9 +31,9 @@ _PUBLIC = {
     "check": "mi_enhance.check",
     "compare": "mi_enhance.compare",
     "enhance": "mi_enhance.neural.enhanced_brdf",
-    "fit": "mi_enhance.fit",
+    "fit": "mi_enhance.fitting.fit",
     "fit_images": "mi_enhance.inverse",
-    "fit_texels": "mi_enhance.texels",
+    "fit_texels": "mi_enhance.fitting.fit_texels",
     "load": "mi_enhance.material.material",
     "read_views": "mi_enhance.view_files",
     "render_views": "mi_enhance.views",
@@ -47,7 +47,7 @@ _MODULES = {
     "data": "mi_enhance.data",
     "geometry": "mi_enhance.analytic.geometry",
     "graph": "mi_enhance.analytic.graph",
-    "losses": "mi_enhance.losses",
+    "losses": "mi_enhance.fitting.losses",
     "metrics": "mi_enhance.metrics",
     "models": "mi_enhance.analytic.models",
     "sampling": "mi_enhance.sampling.importance",
@@ -57,9 +57,9 @@ __all__ = ["__version__", *_MODULES, *_PUBLIC]
 
 
 class _Package(ModuleType):
-    """Keeps ``mi_enhance.fit`` the function.
+    """Keeps ``mi_enhance.fitting.fit`` the function.
 
-    Whoever imports the module ``mi_enhance.fit`` makes Python store that module as attribute ``fit`` of the package,
+    Whoever imports the module ``mi_enhance.fitting.fit`` makes Python store that module as attribute ``fit`` of the package,
     which would hide the function of the same name from then on.
     """
 

@@ -22,11 +22,11 @@ import numpy as np
 from . import state
 from .analytic import alternative_terms, models, parameter_space, parameters
 from .data.training import TrainingSet
+from .fitting.objective import Objective
 from .imitate import imitate
 from .neural.enhance import enhance
 from .neural.enhanced_brdf import EnhancedBRDF
 from .neural.mlp import MLP, flatten, unflatten
-from .objective import Objective
 from .system import npz
 from .system.files import digest, read_json, replacing
 from .train import Trainer, first_samples

@@ -32,7 +32,7 @@ def fit(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
     from tqdm import tqdm
 
-    from .fit import fit
+    from .fitting.fit import fit
 
     measurements = _measurements(args)
     with tqdm(desc=f"fit {measurements.name}", unit=" steps", disable=args.json, leave=False) as bar:

@@ -151,7 +151,7 @@ def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, 
     --------
     >>> compare_file("data/rgl/satin_rosaline_rgb.bsdf", out_dir="out/satin")  # doctest: +SKIP
     """
-    from .fit import fit
+    from .fitting.fit import fit
 
     path = require_file(path, f'compare_file("{path}")')
     out_dir = Path(out_dir)

@@ -16,7 +16,7 @@ import numpy as np
 
 from . import rivals
 from .data.measurements import Measurements
-from .fit import fit
+from .fitting.fit import fit
 from .material.material import Material
 from .specialize import SIZES, specialize
 from .system.files import replacing

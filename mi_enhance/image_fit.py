@@ -9,8 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from . import photographs
+from .fitting.losses import log_l1
 from .image_descent import Descent
-from .losses import log_l1
 from .material.colour_normalization import normalise
 from .material.material import Material
 from .metrics import psnr

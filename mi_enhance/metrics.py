@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .losses import log_l1
+from .fitting.losses import log_l1
 from .output.srgb import encode_srgb
 
 WHITE_CD_M2 = 100.0  # luminance given to radiance 1: the peak white of a standard-dynamic-range display

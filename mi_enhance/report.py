@@ -19,7 +19,7 @@ from .bsdfs.function import reflectance
 from .compare import compare
 from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
 from .data.directions import sample_pairs
-from .losses import log_l1
+from .fitting.losses import log_l1
 from .output.table import write_table
 from .system.files import material_name, replacing, require_file
 from .workers import Workers, first_frames

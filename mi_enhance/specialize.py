@@ -19,8 +19,8 @@ from .analytic import parameters
 from .analytic.graph import Node
 from .data.directions import sample_pairs
 from .data.measurements import Measurements
-from .fit import fit
-from .losses import log_l1
+from .fitting.fit import fit
+from .fitting.losses import log_l1
 from .material.material import Material
 from .neural import inputs as inputs_module
 from .neural import trainable

@@ -19,14 +19,14 @@ from drjit.opt import Adam
 
 from .analytic import parameter_space, parameters
 from .data.training import TrainingSet, build
-from .fit import fit_analytic
+from .fitting.analytic_fit import fit_analytic
+from .fitting.objective import Objective
 from .imitate import imitate
 from .material.material import Material
 from .neural import mlp, trainable
 from .neural.enhance import enhance
 from .neural.enhanced_brdf import EnhancedBRDF
 from .numerics import levenberg_marquardt
-from .objective import Objective
 from .system import npz
 from .system.files import read_json, replacing
 from .system.garbage_collection import _no_collection

@@ -14,7 +14,7 @@ import pytest
 from mi_enhance import Material, data
 from mi_enhance import rivals as models_of_others
 from mi_enhance.data import directions, nbrdf, reference_brdfs, rgl
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests/benchmarks"))  # scripts, not a package

@@ -10,7 +10,7 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import Material, enhance, fit
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements
-from mi_enhance.determined import determined
+from mi_enhance.fitting.uncertainty import determined
 
 TRUTH = {
     "n_x": 0.0, "n_y": 0.0, "t_theta": 0.0, "rho_d": [0.3, 0.2, 0.1], "rho_s": [0.6, 0.8, 1.0],

@@ -36,7 +36,7 @@ def test_every_module_is_looked_at():
     assert {
         "mi_enhance.analytic.geometry",
         "mi_enhance.analytic.terms",
-        "mi_enhance.fit",
+        "mi_enhance.fitting.fit",
         "mi_enhance.data.merl",
     } <= set(MODULES)
 

@@ -9,7 +9,7 @@ import twin
 
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements, clamp_negative
-from mi_enhance.fit import fit
+from mi_enhance.fitting.fit import fit
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 

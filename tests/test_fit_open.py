@@ -15,9 +15,9 @@ from mi_enhance import Material, enhance, fit
 from mi_enhance.analytic import parameter_space, parameters
 from mi_enhance.data.directions import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.data.measurements import Measurements
+from mi_enhance.fitting.library_prior import Prior, coverage, from_library, weight
 from mi_enhance.material.colour_normalization import normalise, plain
 from mi_enhance.neural import mlp
-from mi_enhance.prior import Prior, coverage, from_library, weight
 
 SAME = 2e-5  # relative: a constant moved from a colour into an exponent, in float32
 

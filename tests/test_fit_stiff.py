@@ -13,7 +13,7 @@ from plugin_scenes import evaluate
 
 from mi_enhance import Material, data, fit
 from mi_enhance.data.directions import rusinkiewicz_to_directions, sample_pairs
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 
 N = 2000
 _TRUTH = {"rho_d": (0.3, 0.2, 0.1), "rho_s": 0.4, "F0": 0.5, "alpha_x": 0.15, "alpha_y": 0.15}

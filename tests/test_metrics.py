@@ -7,7 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance import losses, metrics
+from mi_enhance import metrics
+from mi_enhance.fitting import losses
 from mi_enhance.output import srgb
 
 METRICS = (metrics.ssim, metrics.delta_E_ITP, metrics.delta_E_ITP_map, metrics.psnr, metrics.mean_abs_log)

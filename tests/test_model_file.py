@@ -24,7 +24,7 @@ from mi_enhance import cli, data, enhance, models
 from mi_enhance.analytic import geometry, parameters
 from mi_enhance.analytic.text_model import toml_model
 from mi_enhance.data.directions import sample_pairs
-from mi_enhance.fit import fit
+from mi_enhance.fitting.fit import fit
 from mi_enhance.material.colour_normalization import normalise
 from mi_enhance.material.material import Material
 from mi_enhance.neural.mlp import flatten, unflatten

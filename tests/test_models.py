@@ -18,7 +18,8 @@ from plugin_scenes import ball, render_attached
 from mi_enhance import data, enhance, models
 from mi_enhance.analytic import parameters
 from mi_enhance.data.directions import sample_pairs
-from mi_enhance.fit import fit, objective
+from mi_enhance.fitting.analytic_fit import objective
+from mi_enhance.fitting.fit import fit
 from mi_enhance.material.material import Material
 
 ROOT = Path(__file__).parent.parent

@@ -10,10 +10,10 @@ import pytest
 import twin
 import twin_networks
 
-from mi_enhance import losses
 from mi_enhance.analytic import parameters
+from mi_enhance.fitting import losses
+from mi_enhance.fitting.objective import Objective
 from mi_enhance.neural.enhance import enhance
-from mi_enhance.objective import Objective
 
 LOSS = 1e-5  # relative; float32 logarithms of float32 reflectance, averaged
 GRADIENT = 3e-4  # of the largest entry; float32 through log alpha, four networks and sums over the samples

@@ -16,7 +16,7 @@ from test_sampling_lobes import cells
 
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements
-from mi_enhance.fit import fit
+from mi_enhance.fitting.fit import fit
 from mi_enhance.imitate import imitate
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp

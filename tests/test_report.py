@@ -15,7 +15,7 @@ from mi_enhance.bsdfs.function import of_function, reflectance
 from mi_enhance import Material, data, rivals, scene
 from mi_enhance.data import nbrdf
 from mi_enhance.data.directions import sample_pairs
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "data/rgl/satin_rosaline_rgb.bsdf"

@@ -15,8 +15,8 @@ from mi_enhance import data, distil, prune
 from mi_enhance.cli import main
 from mi_enhance.data import synthetic
 from mi_enhance.data.directions import sample_pairs
-from mi_enhance.fit import fit
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.fit import fit
+from mi_enhance.fitting.losses import log_l1
 from mi_enhance.material.material import Material
 from mi_enhance.neural import distilled_network
 from mi_enhance.neural.enhance import enhance

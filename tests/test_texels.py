@@ -7,12 +7,12 @@ import pytest
 
 from mi_enhance.analytic import parameter_space, parameters
 from mi_enhance.data.directions import sample_pairs
-from mi_enhance.fit import fit_analytic
+from mi_enhance.fitting.analytic_fit import fit_analytic
+from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
+from mi_enhance.fitting.objective import stacked
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.numerics import levenberg_marquardt
-from mi_enhance.objective import stacked
-from mi_enhance.texels import fit_texels, log_l1_of_texels
 
 S = 48
 

@@ -18,7 +18,7 @@ _MIN_COS = 0.01  # as for all sources: beyond, f is mostly noise
 
 
 def read(path, *, rows, columns, n_samples=256, cosine=True, seed=0, progress=True):
-    """Texels of a window of a BTF, as :func:`mi_enhance.texels.fit_texels` takes them.
+    """Texels of a window of a BTF, as :func:`mi_enhance.fitting.fit_texels.fit_texels` takes them.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from residual_model import LARGE, SMALL, with_residual
 
 from mi_enhance import candidate, data, models
 from mi_enhance.data.training import TrainingSet, sources_of
-from mi_enhance.fit import fit
+from mi_enhance.fitting.fit import fit
 from mi_enhance.material.material import Material
 from mi_enhance.output.figure import sheet
 from mi_enhance.output.table import write_table

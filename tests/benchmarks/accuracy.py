@@ -33,7 +33,7 @@ from common import averaged, finish
 
 from mi_enhance import data, metrics, scene
 from mi_enhance.evaluation import comparison_picture
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name, replacing
 from mi_enhance.timing import machine

@@ -28,7 +28,7 @@ from common import finish
 from mi_enhance import data
 from mi_enhance.data import rgl, synthetic
 from mi_enhance.data.directions import rusinkiewicz_to_directions
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name
 from mi_enhance.timing import machine

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mi_enhance import data
 from mi_enhance.data import nbrdf
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 from mi_enhance.rivals import train_nbrdf
 
 _ROOT = Path(__file__).resolve().parents[2]

@@ -18,7 +18,7 @@ import rivals
 
 from mi_enhance import data
 from mi_enhance.data.directions import directions_to_rusinkiewicz
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.figure import sheet
 
 _BINS = 45  # of 2 degrees for theta_d; those of theta_h are finer near the highlight, as MERL's

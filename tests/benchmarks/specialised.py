@@ -18,7 +18,7 @@ from common import finish
 from mi_enhance.bsdfs.function import reflectance
 
 from mi_enhance import Material, data, fit, specialize
-from mi_enhance.losses import log_l1
+from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import write_table
 from mi_enhance.timing import machine
 

@@ -19,9 +19,9 @@ from mi_enhance import Material, metrics, scene
 from mi_enhance.data import directions, rgl
 from mi_enhance.data.measurements import clamp_negative
 from mi_enhance.evaluation.comparison_picture import draw
+from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
 from mi_enhance.output import srgb
 from mi_enhance.output.figure import sheet
-from mi_enhance.texels import fit_texels, log_l1_of_texels
 from mi_enhance.timing import machine
 
 _RGL = Path(__file__).resolve().parents[2] / "data/rgl"

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .analytic import parameter_space, parameters
-from .data.directions import directions_to_rusinkiewicz
-from .material.material import Material
+from ..analytic import parameter_space, parameters
+from ..data.directions import directions_to_rusinkiewicz
+from ..material.material import Material
 from .objective import Objective
 
 # Chosen on MERL materials that training keeps aside, for full and for odd samples.

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from tqdm import tqdm
 
-from .analytic import parameter_space
-from .data.measurements import Measurements
-from .neural.enhanced_brdf import EnhancedBRDF
-from .numerics import levenberg_marquardt
+from ..analytic import parameter_space
+from ..data.measurements import Measurements
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..numerics import levenberg_marquardt
 from .objective import Objective, stacked
 
 _LANES = 1 << 17  # samples fitted together: bounds the memory, 110 MB of Jacobian for ggx2
@@ -100,7 +100,7 @@ def check(where: str, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> tuple[in
     ----------
     where : str
     wi, wo, f : array
-        As for :func:`mi_enhance.texels.fit_texels`.
+        As for :func:`mi_enhance.fitting.fit_texels.fit_texels`.
     """
     if f.ndim not in (3, 4) or f.shape[-1] != 3 or 0 in f.shape:
         raise ValueError(f"{where}: f has shape {f.shape}; (H, W, S, 3) or (T, S, 3) is needed, none of them 0.")

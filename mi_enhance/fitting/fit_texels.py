@@ -12,15 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from . import prior
-from .analytic import parameter_space, parameters
-from .fit import analytic_starts
-from .material.material import Material
-from .material.material_maps import MaterialMaps
-from .neural.enhanced_brdf import EnhancedBRDF
-from .sampling import albedo
-from .surface import Surface, check
-from .system.variants import require_rgb
+from ..analytic import parameter_space, parameters
+from ..material.material import Material
+from ..material.material_maps import MaterialMaps
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..sampling import albedo
+from ..system.variants import require_rgb
+from . import library_prior
+from .analytic_fit import analytic_starts
+from .texel_batches import Surface, check
 
 _ANCHORS = 32
 _NEAREST = 8  # training materials an anchor starts from, besides its analytic fit
@@ -70,7 +70,7 @@ def fit_texels(
     maps : MaterialMaps
         All parameters that fits move; ``maps.material.report`` has the mean ``log_l1``, ``log_l1_analytic``,
         ``seconds``, ``seconds_per_1000``, ``n_texels``, ``n_samples``. Colours are as fitted, not normalised as those
-        of :func:`mi_enhance.fit` are.
+        of :func:`mi_enhance.fitting.fit` are.
     errors : dict
         ``log_l1`` and ``log_l1_analytic`` (the model without networks), each (H, W).
 
@@ -169,7 +169,7 @@ def _known(material: Material, weight: np.ndarray) -> Callable | None:
     Residuals with the Laplace distribution of the analytic model's, the channels of a sample not independent of each
     other: beside the mean of n of them a Gaussian has the weight of their mean size over n.
     """
-    return (lambda index: prior.from_library(material, weight[index])) if material.library is not None else None
+    return (lambda index: library_prior.from_library(material, weight[index])) if material.library is not None else None
 
 
 def _enhanced(surface: Surface, material: Material, u, known, rng) -> tuple[np.ndarray, np.ndarray]:
@@ -203,7 +203,7 @@ def _smoothed(surface: Surface, brdf: EnhancedBRDF, u, loss, known, smoothness) 
         precision = np.diag(smoothness * loss.mean() / u.shape[1] * weight)
 
         def pull(index, mean=mean, precision=precision):
-            neighbours = prior.Prior(mean[index], precision)
+            neighbours = library_prior.Prior(mean[index], precision)
             return neighbours + known(index) if known else neighbours
 
         starts = np.stack([u, mean], axis=1)

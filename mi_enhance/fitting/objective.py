@@ -12,9 +12,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .analytic import parameter_space, parameters
-from .neural import trainable
-from .neural.enhanced_brdf import EnhancedBRDF
+from ..analytic import parameter_space, parameters
+from ..neural import trainable
+from ..neural.enhanced_brdf import EnhancedBRDF
 
 # Lanes per block of the float32 products that make up the normal equations; blocks are added in float64.
 _BLOCK = 4096

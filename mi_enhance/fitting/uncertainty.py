@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import mitsuba as mi
 import numpy as np
 
-from .analytic import parameter_space, parameters
-from .data.measurements import Measurements
-from .material.material import Material
+from ..analytic import parameter_space, parameters
+from ..data.measurements import Measurements
+from ..material.material import Material
 from .objective import Objective
 
 # Residuals count as at least this much: below it is what float32 and the model's own shape leave, not information.

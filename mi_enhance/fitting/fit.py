@@ -1,0 +1,152 @@
+"""Fitting one material to measurements: the weights stay, the parameters move (paper, section 5.1)."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from ..analytic import parameters
+from ..data.measurements import Measurements
+from ..material.colour_normalization import normalise, plain
+from ..material.material import Material
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..sampling import albedo
+from ..sampling.mixture_fit import mixture
+from ..system.variants import require_rgb
+from . import library_prior
+from .losses import log_l1
+from .multistart import _lm
+from .rmsprop import _rmsprop
+from .uncertainty import determined
+
+METHODS = ("lm", "rmsprop")
+
+
+def fit(
+    material: Material,
+    measurements: Measurements,
+    *,
+    method: str = "lm",
+    reciprocal: bool = False,
+    energy: bool = False,
+    seed: int = 0,
+    callback: Callable | None = None,
+) -> Material:
+    """Fit the parameters of a material, and of its analytic ancestor, to measurements.
+
+    Parameters
+    ----------
+    material : Material
+        A network (``Material.network()``), an analytic model (``Material.analytic("ggx")``), or a fitted material,
+        whose parameters then are one more start.
+    measurements : Measurements
+        From :func:`mi_enhance.data.loading.load`.
+    method : {"lm", "rmsprop"}
+        Levenberg-Marquardt from several starts, or the paper's recipe: RMSProp with alpha 0.9, learning rate 1e-3,
+        1,000 epochs of all samples from the default start.
+    reciprocal : bool
+        Hold the parameter ``asymmetry`` at 0: f(wi, wo) = f(wo, wi) for all directions, even where the file says
+        otherwise. Networks that have no such parameter are reciprocal, or (``inputs="directions"``) cannot be.
+    energy : bool
+        Bound the directional albedo of the result by 1, even where the file reflects more than it receives: the factors
+        of :mod:`mi_enhance.sampling.energy_bound` are put on what was fitted without them.
+    seed : int
+        Of the subset that the search for the right minimum uses.
+    callback : callable, optional
+        ``callback(stage, step, loss)`` after every step.
+
+    Returns
+    -------
+    Material
+        With `report`: ``model``, ``log_l1`` (eq. 1, mean over all samples and channels), ``log_l1_analytic`` (the
+        analytic model fitted by the same method), ``seconds`` (of all), ``seconds_analytic``, ``n_samples``,
+        ``n_parameters``, ``clamped_fraction``, ``method``, ``seed``, ``name``, ``source``, and what the samples say of
+        the parameters: ``std`` and ``undetermined`` of :func:`mi_enhance.fitting.uncertainty.determined`. With
+        `energy`, ``log_l1`` is that of the bounded material and ``log_l1_unbounded`` that of the other.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, or if `reciprocal` is asked of a network that reads raw directions.
+    RuntimeError
+        If no JIT variant with RGB colours and gradients is active.
+
+    Examples
+    --------
+    >>> from mi_enhance import data
+    >>> m, truth = data.synthetic.ggx_anisotropic(3, n_samples=500, noise=0)
+    >>> fit(Material.analytic("ggx"), m).report["log_l1"] < 1e-3
+    True
+    """
+    if method not in METHODS:
+        raise ValueError(f'fit(): method "{method}" is unknown. Choose one of: {", ".join(METHODS)}.')
+    if reciprocal and material.brdf.networks and material.brdf.inputs == "directions":
+        raise ValueError(
+            'fit(): reciprocal=True, but this network reads raw directions (inputs="directions") and tells viewer from '
+            "light. Choose a network with symmetric or shape inputs, such as ggx2."
+        )
+    require_rgb("fit()")
+    callback = callback or (lambda *_: None)
+    material = material.exact  # a specialised one holds for its own parameters only
+    start = time.perf_counter()
+    run = functools.partial(_lm if method == "lm" else _rmsprop, reciprocal=reciprocal)
+    rng = np.random.default_rng(seed)
+    analytic = EnhancedBRDF(material.brdf.model, {})
+    vector, loss_analytic = run(analytic, measurements, [_given(analytic, material)], rng, callback)
+    seconds_analytic = time.perf_counter() - start
+    loss = loss_analytic
+    if material.brdf.networks:
+        first = parameters.flatten(material.brdf.parameters, parameters.initial(material.brdf.parameters))
+        first[: len(vector)] = vector
+        starts = [_given(material.brdf, material), first]
+        known = None
+        if material.library is not None:
+            known = library_prior.from_library(
+                material, library_prior.weight(measurements.wi, measurements.wo, loss_analytic)
+            )
+        vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library, known)
+    values = parameters.unflatten(material.brdf.parameters, vector)
+    report = {
+        "model": str(material.brdf),
+        "log_l1": float(loss),
+        "log_l1_analytic": float(loss_analytic),
+        "seconds": time.perf_counter() - start,
+        "seconds_analytic": seconds_analytic,
+        "n_samples": len(measurements.f),
+        "n_parameters": material.brdf.n_parameters,
+        "clamped_fraction": measurements.clamped_fraction,
+        "method": method,
+        "reciprocal": material.brdf.inputs != "directions"
+        and (reciprocal or not values.get("asymmetry", np.zeros(1))[0]),
+        "seed": seed,
+        "name": measurements.name,
+        "source": measurements.source,
+    }
+    fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None, energy=False))
+    std, undetermined = determined(fitted, measurements, loss, _held(reciprocal))
+    report = {**report, "std": std, "undetermined": undetermined}
+    fitted = dataclasses.replace(fitted, report=report, lobe_albedo=albedo.lobe_albedo(fitted), mixture=mixture(fitted))
+    return _bounded(fitted, measurements) if energy else fitted
+
+
+def _bounded(material: Material, measurements: Measurements) -> Material:
+    """The material with bounded energy, and what that costs in its report."""
+    material = material.bounded()
+    f, cos = material.evaluate(measurements.wi, measurements.wo), measurements.wo[:, 2]
+    report = {**material.report, "log_l1_unbounded": material.report["log_l1"]}
+    report["log_l1"] = log_l1(f.astype(np.float64), measurements.f.astype(np.float64), cos.astype(np.float64))
+    return dataclasses.replace(material, report=report)
+
+
+def _held(reciprocal: bool) -> tuple[str, ...]:
+    """Parameters that a fit does not move."""
+    return ("asymmetry",) if reciprocal else ()
+
+
+def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:
+    """The parameters the material came with, as far as `brdf` has them."""
+    return parameters.flatten(brdf.parameters, plain(material).params)
