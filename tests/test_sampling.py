@@ -9,6 +9,7 @@ import pytest
 import twin
 
 from mi_enhance import models
+from mi_enhance.analytic.models.abc import lobes_of_abc
 from mi_enhance.material.material import Material
 from mi_enhance.sampling import albedo, importance, lobe_mixture
 

@@ -64,7 +64,7 @@ def load(path, *, n_samples=100_000, seed=0, material=None, kind=None):
     kind = _kind(path, where) if kind is None else kind
     if kind not in KINDS:
         raise ValueError(f"{where}: kind is {kind!r}. Choose one of: {', '.join(KINDS)}.{_did_you_mean(kind, KINDS)}")
-    reader = importlib.import_module(f".{kind}", __name__)  # only RGL needs Mitsuba: nothing else imports it
+    reader = _reader(kind)
     if kind not in _COLLECTIONS:
         if material is not None:
             raise ValueError(
@@ -87,7 +87,7 @@ def names(path):
     path = files.require_file(path, where)
     kind = _kind(path, where)
     if kind in _COLLECTIONS:
-        return importlib.import_module(f".{kind}", __name__).names(path)
+        return _reader(kind).names(path)
     return [files.material_name(path)]
 
 
@@ -101,6 +101,11 @@ def save_table(measurements, path):
     from . import table_file
 
     table_file.write(measurements, path)
+
+
+def _reader(kind):
+    """The module that reads a kind; only RGL needs Mitsuba, so nothing else imports it."""
+    return importlib.import_module(f".{'table_file' if kind == 'table' else kind}", __package__)
 
 
 def _kind(path, where):

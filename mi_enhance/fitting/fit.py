@@ -93,7 +93,8 @@ def fit(
     callback = callback or (lambda *_: None)
     material = material.exact  # a specialised one holds for its own parameters only
     start = time.perf_counter()
-    run = functools.partial(_lm if method == "lm" else _rmsprop, reciprocal=reciprocal)
+    hold = ("asymmetry",) if reciprocal else ()
+    run = functools.partial(_lm if method == "lm" else _rmsprop, hold=hold)
     rng = np.random.default_rng(seed)
     analytic = EnhancedBRDF(material.brdf.model, {})
     vector, loss_analytic = run(analytic, measurements, [_given(analytic, material)], rng, callback)
@@ -127,7 +128,7 @@ def fit(
         "source": measurements.source,
     }
     fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None, energy=False))
-    std, undetermined = determined(fitted, measurements, loss, _held(reciprocal))
+    std, undetermined = determined(fitted, measurements, loss, hold)
     report = {**report, "std": std, "undetermined": undetermined}
     fitted = dataclasses.replace(fitted, report=report, lobe_albedo=albedo.lobe_albedo(fitted), mixture=mixture(fitted))
     return _bounded(fitted, measurements) if energy else fitted
@@ -140,11 +141,6 @@ def _bounded(material: Material, measurements: Measurements) -> Material:
     report = {**material.report, "log_l1_unbounded": material.report["log_l1"]}
     report["log_l1"] = log_l1(f.astype(np.float64), measurements.f.astype(np.float64), cos.astype(np.float64))
     return dataclasses.replace(material, report=report)
-
-
-def _held(reciprocal: bool) -> tuple[str, ...]:
-    """Parameters that a fit does not move."""
-    return ("asymmetry",) if reciprocal else ()
 
 
 def _given(brdf: EnhancedBRDF, material: Material) -> np.ndarray:

@@ -9,7 +9,6 @@ import numpy as np
 from ..analytic import parameter_space
 from ..numerics import levenberg_marquardt
 from .analytic_fit import analytic_starts, objective
-from .fit import _held
 
 _NEAREST = 28  # training materials to start from, besides the analytic fit
 
@@ -19,9 +18,7 @@ _NEAREST = 28  # training materials to start from, besides the analytic fit
 _STAGES = ((1024, None, 12), (2048, 12, 15), (8192, 3, 36), (None, 1, 15))
 
 
-def _lm(
-    brdf, measurements, starts, rng, callback, library=None, known=None, *, reciprocal=False
-) -> tuple[np.ndarray, float]:
+def _lm(brdf, measurements, starts, rng, callback, library=None, known=None, *, hold=()) -> tuple[np.ndarray, float]:
     """Search on a subset from many starts at once, then polish the best on everything."""
     n = len(measurements.f)
     order = rng.permutation(n)
@@ -30,7 +27,7 @@ def _lm(
         starts = [*starts, *analytic_starts(brdf)]
     elif library is not None:
         starts = [*starts, *_nearest(brdf, measurements, library, order[:1024])]
-    space = parameter_space.Space(brdf.parameters, _held(reciprocal))
+    space = parameter_space.Space(brdf.parameters, hold)
     u, losses, used = space.to(np.array(starts)), None, 0
     for samples, survivors, steps in _STAGES:
         if used == n:

@@ -10,12 +10,11 @@ import numpy as np
 
 from ..analytic import parameter_space, parameters
 from .analytic_fit import objective
-from .fit import _held
 from .objective import Objective
 
 
 def _rmsprop(
-    brdf, measurements, starts, rng, callback, library=None, known=None, *, reciprocal=False, epochs=1000
+    brdf, measurements, starts, rng, callback, library=None, known=None, *, hold=(), epochs=1000
 ) -> tuple[np.ndarray, float]:
     """The paper's recipe (sections 4.3 and 5.1), in the space in which roughness is a logarithm."""
     from drjit.opt import RMSProp
@@ -29,7 +28,7 @@ def _rmsprop(
         if step % 50 == 0:
             callback("rmsprop", step, float(dr.mean(loss)[0]))
 
-    u = descend(problem, optimizer, parameter_space.Space(brdf.parameters, _held(reciprocal)), epochs, report)
+    u = descend(problem, optimizer, parameter_space.Space(brdf.parameters, hold), epochs, report)
     return problem.space.back(u), float(problem.loss(u[None])[0])
 
 

@@ -14,13 +14,13 @@ import numpy as np
 from ..analytic import parameters
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
-from ..neural.mlp import flatten, unflatten
+from ..neural.mlp import flatten
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
 from ..system import tensor_file
 from ..system.bundled_files import DEFAULT_NETWORK, network_file
-from ..system.files import replacing, require_file
-from .material_file import _KIND, FORMAT, _assemble, _compact, _flat, _read_description, _template
+from ..system.files import replacing
+from . import material_file
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -194,7 +194,7 @@ class Material:
             "type": "enhanced",
             "description": json.dumps(self._description()),
             "params": mi.Float(self.vector().astype(np.float32)),
-            "weights": mi.Float(np.concatenate([flatten(self.brdf.networks), _flat(self.brdf.compact)])),
+            "weights": mi.Float(np.concatenate([flatten(self.brdf.networks), material_file.flat(self.brdf.compact)])),
         }
 
     # ------------------------------------------------------------------ files
@@ -212,7 +212,7 @@ class Material:
             for k, (w, b) in enumerate(mlp.layers):
                 tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
         if self.brdf.compact:
-            tensors["compact"] = _flat(self.brdf.compact)
+            tensors["compact"] = material_file.flat(self.brdf.compact)
         if self.library is not None:
             tensors["library"] = self.library.astype(np.float32)
         with replacing(path) as temporary:
@@ -227,69 +227,18 @@ class Material:
         FileNotFoundError, ValueError
             If the file is missing, damaged, newer than this package, or of another kind (such as a measured file).
         """
-        where = f'Material.load("{path}")'
-        file = require_file(path, where)
-        fields = tensor_file.fields(file, where)
-        if "params" not in fields or "description" not in fields:
-            if {"rgb", "spectra", "theta_i"} & set(fields):
-                raise ValueError(
-                    f"{where}: this is a measured RGL file, not a material of mi_enhance. Fit it first: "
-                    f"mi-enhance fit {path} -o material.bsdf"
-                )
-            raise ValueError(
-                f"{where}: not a material of mi_enhance: it has no params and description. Got: {list(fields)}."
-            )
-        arrays = {name: tensor_file.values(file, f) for name, f in fields.items()}
-        for name, array in arrays.items():
-            if name == "description":
-                continue
-            if array.dtype != np.float32:
-                raise ValueError(f"{where}: {name} holds {array.dtype}; float32 is needed. Save the material again.")
-            if not np.isfinite(array).all():
-                raise ValueError(f"{where}: {name} holds NaN or infinity. Save the material again.")
-        description = _read_description(arrays["description"].tobytes(), where)
-        template = _template(description, where)
-        networks = {}
-        for slot, mlp in template.networks.items():
-            layers = []
-            for k, (w, b) in enumerate(mlp.layers):
-                names = f"{slot}.layers.{k}.weights", f"{slot}.layers.{k}.bias"
-                for name, expected in zip(names, (w, b), strict=True):
-                    if name not in arrays or arrays[name].shape != expected.shape:
-                        got = arrays[name].shape if name in arrays else "nothing"
-                        raise ValueError(
-                            f"{where}: {name} should have shape {expected.shape}; got {got}. Save it again."
-                        )
-                layers.append(tuple(arrays[name].astype(np.float32) for name in names))
-            networks[slot] = dataclasses.replace(mlp, layers=tuple(layers))
-        brdf = dataclasses.replace(
-            template, networks=networks, compact=_compact(description, arrays.get("compact"), template, where)
-        )
-        library = arrays.get("library")
-        return _assemble(brdf, arrays["params"], description, where, library)
+        return Material(**material_file.read(path))
 
     @staticmethod
     def from_arrays(description: str, params, weights) -> Material:
         """Rebuild what :meth:`to_dict` took apart."""
-        where = 'bsdf "enhanced"'
-        parsed = _read_description(description.encode(), where)
-        template = _template(parsed, where)
-        flat = np.asarray(weights, np.float32).ravel()
-        own, rest = flat[: template.n_weights], flat[template.n_weights :]
-        if len(own) != template.n_weights or (len(rest) and "compact" not in parsed):
-            raise ValueError(f"{where}: {len(flat)} weights given, {template.n_weights} expected for {template}.")
-        brdf = dataclasses.replace(
-            template,
-            networks=unflatten(template.networks, own),
-            compact=_compact(parsed, rest, template, where),
-        )
-        return _assemble(brdf, np.asarray(params), parsed, where, None)
+        return Material(**material_file.from_arrays(description, params, weights))
 
     def _description(self) -> dict:
         brdf = self.brdf
         return {
-            "kind": _KIND,
-            "format": FORMAT,
+            "kind": material_file.KIND,
+            "format": material_file.FORMAT,
             "equation": str(brdf),
             "model": brdf.model.name,
             "model_text": brdf.model.text,

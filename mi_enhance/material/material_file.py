@@ -2,24 +2,86 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from pathlib import Path
 
+import mitsuba as mi
 import numpy as np
 
 from ..analytic import alternative_terms, models, parameters
 from ..neural import distilled_network
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
-from ..sampling import energy_bound, lobe_mixture
+from ..neural.mlp import unflatten
+from ..sampling import lobe_mixture
 from ..sampling.lobe_mixture import Mixture
-from .material import Material
+from ..system import tensor_file
+from ..system.files import require_file
 
 # Of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`; before 3
 # there was no `energy`, which an older reader would not hold, and no `mixture`.
 FORMAT = 3
+KIND = "mi_enhance material"
 
 
-_KIND = "mi_enhance material"
+def read(path: str | Path) -> dict:
+    """Read the fields of a material; see :meth:`mi_enhance.material.material.Material.load` for the errors."""
+    where = f'Material.load("{path}")'
+    file = require_file(path, where)
+    fields = tensor_file.fields(file, where)
+    if "params" not in fields or "description" not in fields:
+        if {"rgb", "spectra", "theta_i"} & set(fields):
+            raise ValueError(
+                f"{where}: this is a measured RGL file, not a material of mi_enhance. Fit it first: "
+                f"mi-enhance fit {path} -o material.bsdf"
+            )
+        raise ValueError(
+            f"{where}: not a material of mi_enhance: it has no params and description. Got: {list(fields)}."
+        )
+    arrays = {name: tensor_file.values(file, f) for name, f in fields.items()}
+    for name, array in arrays.items():
+        if name == "description":
+            continue
+        if array.dtype != np.float32:
+            raise ValueError(f"{where}: {name} holds {array.dtype}; float32 is needed. Save the material again.")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{where}: {name} holds NaN or infinity. Save the material again.")
+    description = _read_description(arrays["description"].tobytes(), where)
+    template = _template(description, where)
+    networks = {}
+    for slot, mlp in template.networks.items():
+        layers = []
+        for k, (w, b) in enumerate(mlp.layers):
+            names = f"{slot}.layers.{k}.weights", f"{slot}.layers.{k}.bias"
+            for name, expected in zip(names, (w, b), strict=True):
+                if name not in arrays or arrays[name].shape != expected.shape:
+                    got = arrays[name].shape if name in arrays else "nothing"
+                    raise ValueError(f"{where}: {name} should have shape {expected.shape}; got {got}. Save it again.")
+            layers.append(tuple(arrays[name].astype(np.float32) for name in names))
+        networks[slot] = dataclasses.replace(mlp, layers=tuple(layers))
+    brdf = dataclasses.replace(
+        template, networks=networks, compact=_compact(description, arrays.get("compact"), template, where)
+    )
+    library = arrays.get("library")
+    return _assemble(brdf, arrays["params"], description, where, library)
+
+
+def from_arrays(description: str, params, weights) -> dict:
+    """The fields of a material from what :meth:`mi_enhance.material.material.Material.to_dict` took apart."""
+    where = 'bsdf "enhanced"'
+    parsed = _read_description(description.encode(), where)
+    template = _template(parsed, where)
+    flat = np.asarray(weights, np.float32).ravel()
+    own, rest = flat[: template.n_weights], flat[template.n_weights :]
+    if len(own) != template.n_weights or (len(rest) and "compact" not in parsed):
+        raise ValueError(f"{where}: {len(flat)} weights given, {template.n_weights} expected for {template}.")
+    brdf = dataclasses.replace(
+        template,
+        networks=unflatten(template.networks, own),
+        compact=_compact(parsed, rest, template, where),
+    )
+    return _assemble(brdf, np.asarray(params), parsed, where, None)
 
 
 def _read_description(text: bytes, where: str) -> dict:
@@ -28,8 +90,8 @@ def _read_description(text: bytes, where: str) -> dict:
         kind, version = description["kind"], description["format"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:  # RecursionError: a million opening brackets
         raise ValueError(f"{where}: its description is not one of a material of mi_enhance ({error!r}).") from error
-    if kind != _KIND or not isinstance(version, int):
-        raise ValueError(f'{where}: its description says kind "{kind}"; "{_KIND}" is needed.')
+    if kind != KIND or not isinstance(version, int):
+        raise ValueError(f'{where}: its description says kind "{kind}"; "{KIND}" is needed.')
     if version > FORMAT:
         raise ValueError(
             f"{where}: file format {version} is newer than this package reads ({FORMAT}). Upgrade mi_enhance."
@@ -66,16 +128,18 @@ def _model(description: dict) -> models.Model:
     return models.from_expression(text) if text else models.registered(description["model"])
 
 
-def _flat(networks: tuple[distilled_network.Compact, ...]) -> np.ndarray:
+def flat(networks: tuple[distilled_network.Compact, ...]) -> np.ndarray:
     return np.concatenate([np.zeros(0, np.float32), *(c.flat for c in networks)])
 
 
-def _compact(description: dict, flat: np.ndarray | None, template: EnhancedBRDF, where: str) -> tuple:
+def _compact(description: dict, weights: np.ndarray | None, template: EnhancedBRDF, where: str) -> tuple:
     """The compact networks of a file, of which a material need not have any."""
     if "compact" not in description:
         return ()
     try:
-        result = distilled_network.restore(description["compact"], np.zeros(0, np.float32) if flat is None else flat)
+        result = distilled_network.restore(
+            description["compact"], np.zeros(0, np.float32) if weights is None else weights
+        )
         for c in result:
             for slot in c.slots:
                 template.model.graph.find(slot)
@@ -86,7 +150,7 @@ def _compact(description: dict, flat: np.ndarray | None, template: EnhancedBRDF,
         ) from error
 
 
-def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: str, library) -> Material:
+def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: str, library) -> dict:
     if params.shape != (brdf.n_parameters,):
         raise ValueError(f"{where}: params has shape {params.shape}; ({brdf.n_parameters},) is needed for {brdf}.")
     if library is not None and (library.ndim != 2 or library.shape[1] != brdf.n_parameters):
@@ -97,20 +161,30 @@ def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: 
     if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < 1e30:
         raise ValueError(f"{where}: lobe_albedo must be a number of at least 0; got {lobe_albedo!r}. Save it again.")
     energy = description.get("energy", False)
-    if not isinstance(energy_bound, bool):
-        raise ValueError(f"{where}: energy must be true or false; got {energy_bound!r}. Save it again.")
+    if not isinstance(energy, bool):
+        raise ValueError(f"{where}: energy must be true or false; got {energy!r}. Save it again.")
     report = description.get("report", {})
     if not isinstance(report, dict):
         raise ValueError(f"{where}: report must be an object {{ ... }}; got {report!r}. Save it again.")
     mixture = _mixture(description, brdf, where)
-    return Material(brdf, values, report, library, float(lobe_albedo), energy_bound, mixture)
+    return {
+        "brdf": brdf,
+        "params": values,
+        "report": report,
+        "library": library,
+        "lobe_albedo": float(lobe_albedo),
+        "energy": energy,
+        "mixture": mixture,
+    }
 
 
 def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | None:
     """How the material of a file is sampled; a file need not say."""
     if description.get("mixture") is None:
         return None
-    n = len(brdf.model.lobes(Material(brdf, {}).lanes()))
+    initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
+    lanes = parameters.unflatten(brdf.parameters, [mi.Float(float(v)) for v in initial])
+    n = len(brdf.model.lobes(lanes))
     try:
         scales, albedos = (np.array(description["mixture"][key], np.float64) for key in Mixture._fields)
     except (KeyError, TypeError, ValueError) as error:

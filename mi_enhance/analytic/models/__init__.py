@@ -13,6 +13,15 @@ from .registry import registered
 from .ward import ward
 
 __all__ = [
-    *("MODELS", "Model", "from_expression", "get", "registered"),
-    *("abc", "ashikhmin_shirley", "cook_torrance", "ggx", "ggx2", "ward"),
+    "MODELS",
+    "Model",
+    "abc",
+    "ashikhmin_shirley",
+    "cook_torrance",
+    "from_expression",
+    "get",
+    "ggx",
+    "ggx2",
+    "registered",
+    "ward",
 ]

@@ -1,6 +1,6 @@
 """Analytic terms of reflectance models, one function each, with its source. They read like the textbook.
 
-A file for each letter of the paper. Arguments are bound by name, see :func:`mi_enhance.analytic.geometry.quantities` and
+A file for each letter of the paper. Arguments are bound by name, see :mod:`mi_enhance.analytic.geometry` and
 :mod:`mi_enhance.analytic.parameters`.
 """
 
@@ -26,8 +26,24 @@ from .specular import S_abc
 from .specular import S_constant
 
 __all__ = [
-    *("B_ashikhmin_shirley", "B_lambert", "M_lambert", "S_abc", "S_constant"),
-    *("D_abc", "D_abc_normalised", "D_ashikhmin_shirley", "D_beckmann", "D_ggx", "D_ward"),
-    *("F_cook_torrance", "F_dielectric", "F_schlick", "G_smith_ggx", "G_v_cavity"),
-    *("inv_E", "inv_E_ashikhmin_shirley", "inv_E_pi", "inv_E_ward"),
+    "B_ashikhmin_shirley",
+    "B_lambert",
+    "D_abc",
+    "D_abc_normalised",
+    "D_ashikhmin_shirley",
+    "D_beckmann",
+    "D_ggx",
+    "D_ward",
+    "F_cook_torrance",
+    "F_dielectric",
+    "F_schlick",
+    "G_smith_ggx",
+    "G_v_cavity",
+    "M_lambert",
+    "S_abc",
+    "S_constant",
+    "inv_E",
+    "inv_E_ashikhmin_shirley",
+    "inv_E_pi",
+    "inv_E_ward",
 ]
