@@ -40,7 +40,7 @@ _PUBLIC = {
     "search": "mi_enhance.search",
     "shader_ball": "mi_enhance.scene",
     "specialize": "mi_enhance.specialize",
-    "train": "mi_enhance.train",
+    "train": "mi_enhance.training.train",
     "write_views": "mi_enhance.view_files",
 }
 _MODULES = {

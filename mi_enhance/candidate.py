@@ -21,15 +21,15 @@ import numpy as np
 
 from . import state
 from .analytic import alternative_terms, models, parameter_space, parameters
-from .data.training import TrainingSet
 from .fitting.objective import Objective
-from .imitate import imitate
 from .neural.enhance import enhance
 from .neural.enhanced_brdf import EnhancedBRDF
 from .neural.mlp import MLP, flatten, unflatten
 from .system import npz
 from .system.files import digest, read_json, replacing
-from .train import Trainer, first_samples
+from .training.imitation import imitate
+from .training.trainer import Trainer
+from .training.training_set import TrainingSet, first_samples
 
 _JUDGED_AT_ONCE = 1 << 19  # lanes: bounds the memory of a judgement
 _SAVES = 4  # checkpoints of one candidate

@@ -211,7 +211,7 @@ def train(args: argparse.Namespace) -> dict:
         raise ValueError(f"{where}: no JSON settings ({error}). Write it like the config.json of a run.") from None
     config.update((key, _json_or_text(value)) for key, value in args.define)
     _set_variant(args.variant)
-    from .train import train
+    from .training.train import train
 
     trainer = train(config, Path(args.output), progress=not args.json)
     print(f"{args.output}: {trainer.step} steps, {trainer.n_materials} materials")
@@ -255,7 +255,7 @@ def _sources(names: list[str]) -> list[dict]:
     """Sources of all materials in the files that `names` stand for."""
     import glob
 
-    from .data.training import sources_of
+    from .training.sources import sources_of
 
     sources = []
     for name in names:

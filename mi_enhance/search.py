@@ -20,13 +20,15 @@ import numpy as np
 from . import candidate, state
 from .analytic import models
 from .data.measurements import Measurements
-from .data.training import TrainingSet, build, gather
 from .material.material import Material
 from .neural.enhanced_brdf import EnhancedBRDF
 from .neural.inputs import INPUTS
 from .output.pareto import pareto
 from .system.files import digest, read_json, replacing
-from .train import Trainer, analytic_start, representative, validate
+from .training.analytic_start import analytic_start, representative, validate
+from .training.sources import build
+from .training.trainer import Trainer
+from .training.training_set import TrainingSet, gather
 
 DEFAULTS = {
     "model": "ggx",
@@ -106,7 +108,7 @@ def search(
         The analytic model: one of :mod:`mi_enhance.analytic.models`, its name, or a ``.toml`` file of one.
     materials : sequence of Measurements, or of dict
         What to train on; dictionaries are sources as in a training configuration, see
-        :mod:`mi_enhance.data.training`.
+        :mod:`mi_enhance.training.sources`.
     folder : str or Path
         Keeps everything: ``search.json`` (settings), one folder per candidate, ``stages.jsonl``, the network of each
         stage (``stage-01.bsdf``) and the last of them (``network.bsdf``), ``search.png``.

@@ -14,12 +14,13 @@ import numpy as np
 import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import candidate, data, models
 from mi_enhance.data import merl, nps
-from mi_enhance.data.training import TrainingSet, jobs_of, sources_of
 from mi_enhance.material.material import Material
 from mi_enhance.material.material_maps import MaterialMaps
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 from mi_enhance.system import files
+from mi_enhance.training.sources import jobs_of, sources_of
+from mi_enhance.training.training_set import TrainingSet
 
 ROOT = Path(__file__).resolve().parents[1]
 # Numbers that headers trip over: sizes, signs, ends of ranges, NaN and infinity.

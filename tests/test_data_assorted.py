@@ -9,8 +9,8 @@ from mi_enhance import data
 from mi_enhance.data import nps
 from mi_enhance.data.directions import cosine_hemisphere, sample_pairs
 from mi_enhance.data.random_terms import assorted
-from mi_enhance.data.training import build
 from mi_enhance.training.augmentation import warp
+from mi_enhance.training.sources import build
 
 ROUNDING = 1e-9  # float64 sums in another order, through exponentials
 NPS = "data/nps/merl.npz"

@@ -106,7 +106,7 @@ import numpy as np
 from mi_enhance import data, picture
 from mi_enhance.data import merl
 from mi_enhance.system import files
-from mi_enhance.data.training import TrainingSet
+from mi_enhance.training.training_set import TrainingSet
 mi.set_variant("llvm_ad_rgb")
 path, time = Path(sys.argv[1]), clock()
 def save_image(path):

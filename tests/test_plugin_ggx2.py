@@ -17,11 +17,11 @@ from test_sampling_lobes import cells
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements
 from mi_enhance.fitting.fit import fit
-from mi_enhance.imitate import imitate
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.sampling import albedo
+from mi_enhance.training.imitation import imitate
 
 
 def random_networks():

@@ -12,11 +12,11 @@ import twin
 import twin_networks
 
 from mi_enhance.analytic import parameters
-from mi_enhance.imitate import _random, imitate
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
-from mi_enhance.train import train
+from mi_enhance.training.imitation import _random, imitate
+from mi_enhance.training.train import train
 
 CONFIG = {
     "data": [{"kind": "synthetic", "count": 3}],
@@ -192,8 +192,9 @@ def test_gradients_of_a_step_are_those_of_the_loss(llvm, tmp_path):
 
 def test_materials_trained_together_do_not_touch_each_other(llvm, tmp_path):
     """The gradient of one material's parameters is the same whatever the others are."""
-    from mi_enhance.data.training import TrainingSet
-    from mi_enhance.train import DEFAULTS, Trainer
+    from mi_enhance.training.settings import DEFAULTS
+    from mi_enhance.training.trainer import Trainer
+    from mi_enhance.training.training_set import TrainingSet
 
     trainer = train({**CONFIG, "steps": 1}, tmp_path / "run", progress=False)
     samples, values = trainer.samples, trainer.parameters()

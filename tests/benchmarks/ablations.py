@@ -22,7 +22,6 @@ from common import finish, folder_name
 from residual_model import LARGE, SMALL, with_residual
 
 from mi_enhance import candidate, data, models
-from mi_enhance.data.training import TrainingSet, sources_of
 from mi_enhance.fitting.fit import fit
 from mi_enhance.material.material import Material
 from mi_enhance.output.figure import sheet
@@ -30,7 +29,10 @@ from mi_enhance.output.table import write_table
 from mi_enhance.search import DEFAULTS, search
 from mi_enhance.system.files import replacing
 from mi_enhance.timing import machine
-from mi_enhance.train import Trainer, analytic_start, representative, validate
+from mi_enhance.training.analytic_start import analytic_start, representative, validate
+from mi_enhance.training.sources import sources_of
+from mi_enhance.training.trainer import Trainer
+from mi_enhance.training.training_set import TrainingSet
 
 PAPER = ("F", "F*G", "G", "1/E")
 RESIDUALS = {"residual 32-64-64-16": SMALL, "residual 32-64-128-128-64": LARGE}

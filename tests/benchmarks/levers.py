@@ -20,7 +20,7 @@ from common import finish, folder_name
 from mi_enhance.output.figure import sheet
 from mi_enhance.output.table import write_table
 from mi_enhance.timing import machine
-from mi_enhance.train import train
+from mi_enhance.training.train import train
 
 _MERL = {"kind": "nps", "path": "data/nps/merl.npz"}  # from the root of the repository, as the shipped settings have it
 _MIXED = {"kind": "nps-mixtures", "path": "data/nps/merl.npz", "held_out": "without"}

@@ -27,8 +27,8 @@ from common import finish
 from scipy.optimize import minimize
 
 from mi_enhance import Material, data, fit
-from mi_enhance.data.training import HELD_OUT_EVERY
 from mi_enhance.timing import machine
+from mi_enhance.training.sources import HELD_OUT_EVERY
 
 _ROOT = Path(__file__).resolve().parents[2]
 _SUBSET = 1500  # samples that the colours are found on; the floor is that of all

@@ -25,10 +25,11 @@ from torch_model import TorchModel, import_torch
 
 from mi_enhance.analytic import parameter_space
 from mi_enhance.data.directions import sample_pairs
-from mi_enhance.data.training import TrainingSet
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.timing import interleaved, machine, spread
-from mi_enhance.train import DEFAULTS, Trainer
+from mi_enhance.training.settings import DEFAULTS
+from mi_enhance.training.trainer import Trainer
+from mi_enhance.training.training_set import TrainingSet
 
 _TOLERANCE = 1e-4  # relative; float32 sums of 1e5 samples in another order differ by about 1e-6
 _COLUMNS = {

@@ -9,10 +9,10 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from .analytic import parameters
-from .data.directions import sample_pairs
-from .neural.enhanced_brdf import EnhancedBRDF
-from .neural.trainable import Trainable
+from ..analytic import parameters
+from ..data.directions import sample_pairs
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.trainable import Trainable
 
 
 def imitate(

@@ -1,0 +1,168 @@
+"""The state of a training and one step of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from drjit.opt import Adam
+
+from ..analytic import parameter_space
+from ..fitting.objective import Objective
+from ..material.material import Material
+from ..neural import trainable
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..numerics import levenberg_marquardt
+from ..system import npz
+from ..system.files import replacing
+from ..system.garbage_collection import _no_collection
+from .analytic_start import _START_SAMPLES, representative
+from .training_set import TrainingSet, first_samples
+
+_REFIT_AT_ONCE = 128  # materials: bounds the memory of their Jacobians
+
+
+# Steps, at most a quarter of all, in which the rates rise: Adam's first, before its moments mean anything, can kill a
+# lobe.
+_WARM_UP = 200
+
+
+class Trainer:
+    """State of a training: networks, parameters of every material, optimiser.
+
+    Parameters
+    ----------
+    brdf : EnhancedBRDF
+    samples : TrainingSet
+    config : dict
+        As :data:`DEFAULTS`.
+    start : array (M, n_parameters)
+        Parameters of the materials to start from.
+    """
+
+    def __init__(self, brdf: EnhancedBRDF, samples: TrainingSet, config: dict, start: np.ndarray):
+        self.brdf, self.config, self.samples = brdf, config, samples
+        self.n_materials = len(samples.names)
+        self.step = 0
+        self.trainable = trainable.Trainable(brdf.networks)
+        self._data = [mi.Float(row) for row in samples.samples]
+        self._space = space = parameter_space.Space(brdf.parameters)
+        repeat = lambda v: mi.Float(np.repeat(v, self.n_materials).astype(np.float32))  # noqa: E731
+        # Tracing takes as long as the kernels; they are the same in every step.
+        self._backward = dr.freeze(lambda *inputs: self._trace_backward(*inputs))
+        self._low, self._high = repeat(space.low), repeat(space.high)
+        self.optimizer = Adam(lr=config["lr"])
+        self.optimizer["weights"] = self.trainable.weights
+        # all parameters of all materials, parameter after parameter, in the space that is optimised (log alpha)
+        self._start = space.to(start)
+        self.optimizer["parameters"] = mi.Float(self._start.T.ravel().astype(np.float32))
+
+    def _indices(self) -> mi.UInt32:
+        """A run of consecutive samples of every material, from a random place; they are in random order anyway."""
+        n, total = self.config["batch"], self.samples.n_samples
+        rng = np.random.default_rng((self.config["seed"], self.step))
+        start = mi.UInt32(rng.integers(0, total, self.n_materials).astype(np.uint32))
+        offset = dr.repeat(start, n) + dr.tile(dr.arange(mi.UInt32, n), self.n_materials)
+        offset = dr.select(offset >= total, offset - total, offset)
+        return offset + total * dr.repeat(dr.arange(mi.UInt32, self.n_materials), n)
+
+    def gradients(self) -> tuple[np.ndarray, mi.Float, mi.Float]:
+        """Loss per material on the next batch (eq. 1), gradient of the weights, gradient of the parameters."""
+        weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
+        with _no_collection():
+            loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices())
+        return np.array(loss, np.float64) / self.config["batch"], self.trainable.gradient(), gradient
+
+    def _trace_backward(self, weights, flat, data, index):
+        """Sum of the loss per material, gradient of the parameters, and what the gradient of the weights is made of."""
+        rows = [dr.gather(mi.Float, row, index) for row in data]
+        wi, wo, f = mi.Vector3f(*rows[:3]), mi.Vector3f(*rows[3:6]), mi.Color3f(*rows[6:])
+        n = self.config["batch"]
+        self.trainable.weights = weights
+        dr.enable_grad(weights, flat)
+        loss, gradient = Objective(self.brdf, wi, wo, f, n, self.trainable).gradient(flat)
+        return dr.block_sum(loss, n), gradient, self.trainable.take()
+
+    def advance(self) -> np.ndarray:
+        """Take one step and return the loss of every material before it."""
+        loss, weights, params = self.gradients()
+        fall = 0.01 + 0.99 * 0.5 * (1 + np.cos(np.pi * min(self.step / self.config["steps"], 1)))
+        fall *= min(1, (self.step + 1) / min(_WARM_UP, max(1, self.config["steps"] // 4)))
+        rates = {"weights": self.config["lr"], "parameters": self.config["lr_parameters"]}
+        self.optimizer.set_learning_rate({key: float(rate * fall) for key, rate in rates.items()})
+        for key, gradient in (("weights", weights), ("parameters", params)):
+            dr.set_grad(self.optimizer[key], gradient)
+        self.optimizer.step()
+        clipped = dr.clip(dr.detach(self.optimizer["parameters"]), self._low, self._high)
+        self.optimizer["parameters"] = clipped
+        self.trainable.weights = self.optimizer["weights"]
+        self.step += 1
+        return loss
+
+    def refit(self) -> None:
+        """Fit every material anew, from where it is and from where it started; the better one stays.
+
+        Noisy small steps drive a few materials, mostly near-mirrors, into minima they do not leave: a tilted normal, a
+        roughness at its bound.
+        """
+        brdf, space, n = self.result(), self._space, min(_START_SAMPLES, self.samples.n_samples)
+        u = space.to(self.parameters())
+        for first in range(0, self.n_materials, _REFIT_AT_ONCE):
+            part = slice(first, first + _REFIT_AT_ONCE)
+            problem = Objective(brdf, *first_samples(self.samples, n, part), n)
+            tries = [
+                levenberg_marquardt.minimize(
+                    problem.loss, problem.normal_equations, v[part], space.low, space.high, steps=10
+                )
+                for v in (u, self._start)
+            ]
+            u[part] = np.where((tries[0][1] <= tries[1][1])[:, None], tries[0][0], tries[1][0])
+        self.optimizer["parameters"] = mi.Float(u.T.ravel().astype(np.float32))
+
+    def result(self) -> EnhancedBRDF:
+        """The BRDF with the current weights."""
+        return dataclasses.replace(self.brdf, networks=self.trainable.networks())
+
+    def parameters(self) -> np.ndarray:
+        """Physical parameters of all materials, array (M, n_parameters), float64."""
+        flat = np.array(dr.detach(self.optimizer["parameters"]), np.float64).reshape(-1, self.n_materials)
+        return self._space.back(flat.T.copy())
+
+    def material(self, curve: list[dict] = ()) -> Material:
+        """The network as it is shipped: weights, where fits start, and how it was made, its `curve` included."""
+        seen = self.step * self.n_materials * self.config["batch"]
+        report = {"config": self.config, "steps": self.step, "samples_seen": seen, "curve": list(curve)}
+        keep = representative(self.samples.kinds)
+        return Material(
+            self.result(),
+            {},
+            {**report, "library": [self.samples.names[k] for k in keep]},
+            library=self.parameters()[keep],
+        )
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint: weights, parameters, state of the optimiser, step."""
+        arrays = {"step": self.step, "start": self._start}
+        for key in ("weights", "parameters"):
+            _, _, _, (t, m, v, _) = self.optimizer.state[key]
+            arrays |= {key: dr.detach(self.optimizer[key]), f"{key}_t": t, f"{key}_m": m, f"{key}_v": v}
+        with replacing(path) as temporary:
+            np.savez(temporary, **{k: np.array(v) for k, v in arrays.items()})
+
+    def resume(self, path: Path) -> None:
+        """Go on from a checkpoint, to the bit; a ValueError if it is damaged or another network's."""
+        where, keys = f'checkpoint "{path}"', ("weights", "parameters")
+        names = [f"{key}{suffix}" for key in keys for suffix in ("", "_t", "_m", "_v")]
+        stored = npz.read(path, ["step", "start", *names], where)
+        self.step, self._start = int(npz.numbers(stored, "step", (), where)), stored["start"]
+        for key in keys:
+            n = (len(self.optimizer[key]),)
+            self.optimizer[key], m, v = (
+                mi.Float(npz.numbers(stored, f"{key}{suffix}", n, where)) for suffix in ("", "_m", "_v")
+            )
+            value, promoted, rate, _ = self.optimizer.state[key]
+            self.optimizer.state[key] = value, promoted, rate, (mi.UInt32(stored[f"{key}_t"]), m, v, None)
+        self.trainable.weights = self.optimizer["weights"]
