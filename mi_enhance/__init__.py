@@ -39,7 +39,7 @@ _PUBLIC = {
     "render_views": "mi_enhance.views",
     "search": "mi_enhance.search",
     "shader_ball": "mi_enhance.scene",
-    "specialize": "mi_enhance.specialize",
+    "specialize": "mi_enhance.specialization.specialize",
     "train": "mi_enhance.training.train",
     "write_views": "mi_enhance.view_files",
 }

@@ -166,7 +166,7 @@ def specialize(args: argparse.Namespace) -> dict:
     output = _output(args.output, (".bsdf",))
     _set_variant(args.variant)
     from .material.material import Material
-    from .specialize import specialize
+    from .specialization.specialize import specialize
 
     material = Material.load(args.file)
     if args.undo:

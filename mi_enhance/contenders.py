@@ -18,7 +18,7 @@ from . import rivals
 from .data.measurements import Measurements
 from .fitting.fit import fit
 from .material.material import Material
-from .specialize import SIZES, specialize
+from .specialization.specialize import SIZES, specialize
 from .system.files import replacing
 
 REFERENCE = "GGX in Python"

@@ -13,13 +13,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import distil
 from .analytic import geometry
 from .data.directions import half_difference
 from .data.measurements import Measurements
 from .material.material import Material
 from .neural import baked
 from .neural import inputs as inputs_module
+from .specialization import distillation
 
 # ---------------------------------------------------------------------- NBRDF
 
@@ -178,7 +178,7 @@ def train_residual(lobe: Material, measurements: Measurements, *, seed: int = 0)
     """Train what the fitted analytic `lobe` lacks as a small network of this material, added to it and cut off at 0.
 
     The obvious alternative to ours (the paper's Fig. 8), here with a network of its own for each material, which
-    favours it: the same inputs, sizes and optimiser as :func:`mi_enhance.specialize`.
+    favours it: the same inputs, sizes and optimiser as :func:`mi_enhance.specialization.specialize`.
 
     Returns
     -------
@@ -203,9 +203,9 @@ def train_residual(lobe: Material, measurements: Measurements, *, seed: int = 0)
         d = slope * cos[index] / (1 + np.maximum(v, -0.9))
         return r / 3, d[:, :, None] * np.eye(3) / 3
 
-    layers = distil.first((x.shape[1], *_RESIDUAL_HIDDEN, 3), np.zeros(3), rng)
-    layers, _ = distil.train(layers, (x - mean) / std, residuals, steps=60)
-    return distil.on_raw_inputs(layers, mean, std), time.perf_counter() - start
+    layers = distillation.first((x.shape[1], *_RESIDUAL_HIDDEN, 3), np.zeros(3), rng)
+    layers, _ = distillation.train(layers, (x - mean) / std, residuals, steps=60)
+    return distillation.on_raw_inputs(layers, mean, std), time.perf_counter() - start
 
 
 def residual_function(lobe: Material, layers: list) -> Callable:
@@ -220,7 +220,7 @@ def residual_function(lobe: Material, layers: list) -> Callable:
 
 
 def _inputs(lobe: Material, wi, wo, params: Mapping | None = None) -> list:
-    """The features that :func:`mi_enhance.specialize` uses, with those that tell viewer from light."""
+    """The features that :func:`mi_enhance.specialization.specialize` uses, with those that tell viewer from light."""
     params = {**(params or lobe.lanes()), "asymmetry": mi.Float(1)}
     local_i, local_o, _ = geometry.local_directions(wi, wo, params)
     named = inputs_module.named({**geometry.quantities(local_i, local_o), **params})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plugin_scenes import close, directions, evaluate
 
-from mi_enhance import data, distil, prune
+from mi_enhance import data
 from mi_enhance.cli import main
 from mi_enhance.data import synthetic
 from mi_enhance.data.directions import sample_pairs
@@ -20,7 +20,8 @@ from mi_enhance.fitting.losses import log_l1
 from mi_enhance.material.material import Material
 from mi_enhance.neural import distilled_network
 from mi_enhance.neural.enhance import enhance
-from mi_enhance.specialize import specialize
+from mi_enhance.specialization import distillation, pruning
+from mi_enhance.specialization.specialize import specialize
 
 N = 4000
 
@@ -197,11 +198,14 @@ def test_damaged_networks_are_refused(llvm, tmp_path):
 def test_jacobian_is_the_difference_quotient():
     rng = np.random.default_rng(0)
     x, slopes = rng.normal(size=(40, 3)), rng.normal(size=(40, 3, 2))
-    layers = distil.first((3, 4, 5, 2), np.zeros(2), rng)
+    layers = distillation.first((3, 4, 5, 2), np.zeros(2), rng)
     shapes, u = [w.shape for w, _ in layers], np.concatenate([v.ravel() for layer in layers for v in layer])
-    got = distil._jacobian(layers, distil._forward(layers, x)[1], slopes)
+    got = distillation._jacobian(layers, distillation._forward(layers, x)[1], slopes)
     for k in range(len(u)):
-        sides = [distil.forward(distil._unflatten(u + s * 1e-6 * (np.arange(len(u)) == k), shapes), x) for s in (1, -1)]
+        sides = [
+            distillation.forward(distillation._unflatten(u + s * 1e-6 * (np.arange(len(u)) == k), shapes), x)
+            for s in (1, -1)
+        ]
         expected = np.einsum("nrm,nm->rn", slopes, (sides[0] - sides[1]) / 2e-6).ravel()
         np.testing.assert_allclose(got[:, k], expected, atol=1e-5)
 
@@ -211,12 +215,12 @@ def test_pruned_network_is_the_same_function():
     sizes = (3, 16, 16, 16, 1)
     layers = [(rng.normal(size=(m, n)) / 2, 2 * rng.normal(size=m)) for n, m in zip(sizes, sizes[1:], strict=False)]
     inputs = {name: rng.random(5000) for name in ("sin2_h", "cos_d", "product")}
-    small = prune.prune("B", layers, inputs)
+    small = pruning.prune("B", layers, inputs)
     x = a = np.stack(list(inputs.values()), 1)
     for k, (w, b) in enumerate(layers):
         z = a @ w.T + b
         a = np.where(z > 0, z, 0.01 * z) if k < 3 else z
-    np.testing.assert_allclose(distil.forward(small.layers, x), a, atol=1e-4 * np.abs(a).max())
+    np.testing.assert_allclose(distillation.forward(small.layers, x), a, atol=1e-4 * np.abs(a).max())
     assert small.multiply_adds < 0.7 * sum(w.size for w, _ in layers)
 
 
@@ -228,14 +232,14 @@ def test_network_without_any_kink_is_an_affine_function_that_can_be_kept():
     rng = np.random.default_rng(0)
     layers = [(rng.random((4, 2)), np.ones(4)), (rng.random((3, 4)), np.ones(3)), (rng.random((1, 3)), np.zeros(1))]
     x = {"cos_d": rng.random(50), "product": rng.random(50)}
-    small = prune.prune("B", layers, x)
+    small = pruning.prune("B", layers, x)
     assert small.sizes == (2, 1)
     (again,) = distilled_network.restore(json.loads(json.dumps([small.describe()])), small.flat)
     y = np.stack(list(x.values()), 1)
     wanted = y
     for w, b in layers:
         wanted = wanted @ w.T + b
-    np.testing.assert_allclose(distil.forward(again.layers, y), wanted, rtol=1e-5)
+    np.testing.assert_allclose(distillation.forward(again.layers, y), wanted, rtol=1e-5)
 
 
 def test_command_line_and_back(llvm, tmp_path, capsys):

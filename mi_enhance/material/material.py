@@ -117,7 +117,7 @@ class Material:
 
     @property
     def exact(self) -> Material:
-        """The material that :func:`mi_enhance.specialize` made this one from; itself if it is none of those."""
+        """The material that :func:`mi_enhance.specialization.specialize` made this one from; itself if it is none of those."""
         report = {key: value for key, value in self.report.items() if not key.startswith("specialize_")}
         return dataclasses.replace(self, brdf=dataclasses.replace(self.brdf, compact=()), report=report)
 

@@ -1,4 +1,4 @@
-"""Small networks that stand in for those of one material: what :mod:`mi_enhance.specialize` makes.
+"""Small networks that stand in for those of one material: what :mod:`mi_enhance.specialization.specialize` makes.
 
 For one material all parameters are constants, so a network of the directions alone will do: a tenth of the size, one
 for all factors of the BRDF, with its weights as constants of the compiled function. Colours, D and the frame stay

@@ -40,7 +40,7 @@ class EnhancedBRDF:
     inputs : {"symmetric", "shape", "own", "directions"}
         What the networks see, see :mod:`mi_enhance.neural.inputs`.
     compact : tuple of Compact
-        Small networks that stand in for `networks`, for one set of parameters, see :mod:`mi_enhance.specialize`.
+        Small networks that stand in for `networks`, for one set of parameters, see :mod:`mi_enhance.specialization.specialize`.
     """
 
     model: Model

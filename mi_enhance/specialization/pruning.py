@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .neural.distilled_network import Compact
-from .neural.mlp import MLP, SLOPE
+from ..neural.distilled_network import Compact
+from ..neural.mlp import MLP, SLOPE
 
 Layers = Sequence[tuple[np.ndarray, np.ndarray]]
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .neural.mlp import SLOPE
-from .numerics import levenberg_marquardt
+from ..neural.mlp import SLOPE
+from ..numerics import levenberg_marquardt
 
 Layers = Sequence[tuple[np.ndarray, np.ndarray]]
 

@@ -1,0 +1,1 @@
+"""One material made cheaper to render."""

@@ -1,0 +1,84 @@
+"""What a small network of one material has to reproduce."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..analytic.graph import Node
+from ..fitting.losses import log_l1
+from ..material.material import Material
+from ..neural import inputs as inputs_module
+from ..neural import trainable
+from ..neural.distilled_network import Compact
+from . import distillation
+
+# A factor that means nothing for f (the diffuse one of a black metal) still follows the exact one a little: an edit of
+# the colour can bring it to light.
+_MIN_WEIGHT = 1e-3
+
+
+class _Problem:
+    """The exact material on some pairs of directions: features, logarithms of the factors, what they mean for f."""
+
+    def __init__(self, material: Material, slots: tuple[str, ...], wi: np.ndarray, wo: np.ndarray, truth=None):
+        brdf, self.slots, n = material.brdf, slots, len(wi)
+        params = material.lanes()
+        evaluators = trainable.Trainable(brdf.networks)  # baked weights take long to compile outside of a virtual call
+        dr.disable_grad(evaluators.weights)
+        wi, wo_ = (mi.Vector3f(np.ascontiguousarray(w.T)) for w in (wi, wo))
+        graph, record, active = brdf.prepare(wi, wo_, params, evaluators)
+        named, factors = inputs_module.named(record), [graph.find(slot)(record) for slot in slots]
+        dr.eval(named, factors)
+        self.features = {name: np.array(v, np.float64) for name, v in named.items()}
+        # 1e-20: an analytic operand may be 0
+        self.logs = np.stack([np.log(np.maximum(np.array(v, np.float64), 1e-20)) for v in factors], 1)
+        # f = rest + the sum of coefficients times factors: the graph with 0 and 1 in the place of the factors
+        rest, *ones = (self._f(graph, record, active, n, slot) for slot in (None, *slots))
+        self.rest, self.coefficients = rest, np.stack([f - rest for f in ones], 1)
+        self.cos, self.exact = wo[:, 2:].astype(np.float64), rest + self._sum(self.logs)
+        self.truth = self.exact if truth is None else truth
+        # derivative of log(1 + f cos), mean over the channels, with respect to the logarithm of a factor
+        slopes = self._slopes(self.logs, self.exact, slice(None))
+        self.weights = (slopes.mean(1) + _MIN_WEIGHT).astype(np.float32)
+
+    def _f(self, graph: Node, record: dict, active, n: int, one: str | None) -> np.ndarray:
+        stand_ins = {slot: lambda *_, v=float(slot == one): mi.Float(v) for slot in self.slots}
+        f = mi.Color3f(graph.replace(stand_ins)(record)) & active
+        return np.array(f + dr.zeros(mi.Color3f, n), np.float64).T
+
+    def columns(self, inputs: tuple[str, ...]) -> np.ndarray:
+        return np.stack([self.features[name] for name in inputs], 1)
+
+    def _sum(self, logs, index=slice(None)) -> np.ndarray:
+        return np.einsum("nmc,nm->nc", self.coefficients[index], np.exp(np.clip(logs, -20, 20)))
+
+    def _slopes(self, logs, f, index) -> np.ndarray:
+        """Derivatives (n, channels, factors) of log(1 + f cos)."""
+        factor = np.exp(np.clip(logs, -20, 20))
+        cos = self.cos[index]
+        return np.einsum("nmc,nm,nc->ncm", self.coefficients[index], factor, cos / (1 + f * cos))
+
+    def error(self, compact: tuple[Compact, ...] = ()) -> float:
+        """Mean absolute difference of log(1 + f cos) to the truth; of the exact material itself without networks."""
+        f = self.exact
+        if compact:
+            logs = np.concatenate([distillation.forward(c.layers, self.columns(c.inputs)) for c in compact], 1)
+            order = [slot for c in compact for slot in c.slots]
+            f = self.rest + self._sum(logs[:, [order.index(slot) for slot in self.slots]])
+        return log_l1(f, self.truth, self.cos[:, 0])
+
+    def of_factors(self, logs: np.ndarray, index: slice):
+        """Residuals of the factors' logarithms, weighted by what they mean for f, and their slopes."""
+        w = self.weights[: len(logs)] if index == slice(None) else self.weights[index]
+        target = self.logs[: len(logs)] if index == slice(None) else self.logs[index]
+        return w * (logs - target), w[:, :, None] * np.eye(w.shape[1], dtype=np.float32)
+
+    def of_truth(self, logs: np.ndarray, index: slice):
+        """Residuals against the truth, and, little, against the exact factors; and their slopes."""
+        f = self.rest[index] + self._sum(logs, index)
+        r = (np.log1p(f * self.cos[index]) - np.log1p(self.truth[index] * self.cos[index])) / 3
+        anchor = _MIN_WEIGHT * (logs - self.logs[index])
+        eye = np.broadcast_to(_MIN_WEIGHT * np.eye(logs.shape[1]), (len(logs), logs.shape[1], logs.shape[1]))
+        return np.append(r, anchor, 1), np.append(self._slopes(logs, f, index) / 3, eye, 1)
