@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from mi_enhance.material.material import Material
 
@@ -46,17 +45,3 @@ def of_function(f: Callable, lobe: Material) -> mi.BSDF:
         if key != "type":
             props[key] = value
     return Function(props)
-
-
-def reflectance(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    """The other way: f_r in 1/sr of any BSDF, linear RGB, (N, 3), for unit vectors (N, 3) above the horizon.
-
-    Examples
-    --------
-    >>> half = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}})
-    >>> reflectance(half, np.array([[0, 0, 1.0]]), np.array([[0, 0.6, 0.8]])).round(4)
-    array([[0.1592, 0.1592, 0.1592]])
-    """
-    si = mi.SurfaceInteraction3f()
-    si.wi, light = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
-    return np.array(bsdf.eval(mi.BSDFContext(), si, light)).T / wo[:, 2:]

@@ -145,7 +145,7 @@ def check(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
     from tqdm import tqdm
 
-    from .check import COLUMNS, check
+    from .evaluation.check import COLUMNS, check
     from .material.material import Material
     from .output.table import print_table
 
@@ -293,7 +293,7 @@ def _executor(args: argparse.Namespace):
 
 def compare(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
-    from .compare import compare_files, default_models
+    from .evaluation.compare import compare_files, default_models
     from .output.table import print_table
 
     result = compare_files(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from .compare import compare_file
+from .evaluation.compare import compare_file
 from .output.table import COLUMNS, print_table, write_table
 from .system.bundled_files import demo_data
 

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from . import photographs
+from .evaluation.image_metrics import psnr
 from .fitting.losses import log_l1
 from .image_descent import Descent
 from .material.colour_normalization import normalise
 from .material.material import Material
-from .metrics import psnr
 from .placed import Placed
 from .sampling import albedo
 from .views import View

@@ -14,11 +14,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import data, scene, timing
-from .bsdfs.function import reflectance
-from .compare import compare
+from . import data, timing
 from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
 from .data.directions import sample_pairs
+from .evaluation import scenes
+from .evaluation.compare import compare
+from .evaluation.reflectance import reflectance
 from .fitting.losses import log_l1
 from .output.table import write_table
 from .system.files import material_name, replacing, require_file
@@ -131,7 +132,7 @@ def bench(
         growth = _growth(fitted, workers, resolution, rounds)
     log("first frames")
     for label, c in fitted[0].items():
-        by_label[label] |= first_frames((frame, scene.shader_ball, c), resolution=128, spp=1)
+        by_label[label] |= first_frames((frame, scenes.shader_ball, c), resolution=128, spp=1)
     return _write(out_dir, about, names, rows, growth)
 
 
@@ -224,7 +225,7 @@ def frame(load: Callable, *args, frozen: bool = False, **kwargs) -> Callable:
 
 def sphere(bsdf: mi.BSDF, **size) -> mi.Scene:
     """The small scene, for what grows."""
-    return scene.load("sphere_envmap", bsdf, **size)
+    return scenes.load("sphere_envmap", bsdf, **size)
 
 
 def many(fitted: Sequence[Mapping[str, Contender]], label: str, n: int) -> list[Contender]:
@@ -235,8 +236,8 @@ def many(fitted: Sequence[Mapping[str, Contender]], label: str, n: int) -> list[
 def _scenes(fitted: Sequence[Mapping[str, Contender]]):
     """The three scenes: name, function that loads it, and what it takes, for every model it can be rendered with."""
     first = fitted[0]
-    yield "ball", scene.shader_ball, first
-    yield "many", scene.spheres, {label: many(fitted, label, MANY) for label in first}
+    yield "ball", scenes.shader_ball, first
+    yield "many", scenes.spheres, {label: many(fitted, label, MANY) for label in first}
     yield "textured", sphere, {label: textured(c) for label, c in first.items() if c.can_be_textured}
 
 
@@ -273,9 +274,9 @@ def _growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolut
         for n in (1, 5, MANY):
             given = lambda label, n=n: many(fitted, label, n)  # noqa: E731
             what = "materials, dr.freeze" if frozen else "materials"
-            measure(what, n, scene.spheres, given, resolution=resolution, frozen=frozen)
+            measure(what, n, scenes.spheres, given, resolution=resolution, frozen=frozen)
     for n in (1, MANY):
-        jobs = {label: (frame, scene.spheres, many(fitted, label, n)) for label in _GROWING}
+        jobs = {label: (frame, scenes.spheres, many(fitted, label, n)) for label in _GROWING}
         cold = {label: first_frames(job, resolution=resolution, spp=1)["cold"] for label, job in jobs.items()}
         add("materials, first frame", n, cold)
     return rows

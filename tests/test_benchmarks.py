@@ -145,7 +145,7 @@ def test_what_a_fit_to_images_moves_is_in_the_scene_and_what_it_finds_renders(ll
     from types import SimpleNamespace
 
     from mi_enhance import placed, unknowns
-    from mi_enhance import scene as scenes
+    from mi_enhance.evaluation import scenes
 
     args = SimpleNamespace(network="ggx")
     start, sought, starts, bsdf_of = images.MODELS[label](args)

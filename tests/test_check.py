@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance.check import check
 from mi_enhance.cli import main
-from mi_enhance.density import chi_square
+from mi_enhance.evaluation.check import check
+from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
 from mi_enhance.sampling import importance
 

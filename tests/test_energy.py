@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plugin_scenes import ball, bitmap, directions, evaluate
 
-from mi_enhance.check import ALBEDO, RECIPROCITY, albedo
+from mi_enhance.evaluation.check import ALBEDO, RECIPROCITY, albedo
 from mi_enhance.material.material import Material
 from mi_enhance.sampling import energy_bound
 from mi_enhance.system.bundled_files import network_file

@@ -12,9 +12,9 @@ import pytest
 from plugin_scenes import bitmap
 
 from mi_enhance import inverse_picture, inverse_starts, photographs, placed, unknowns
-from mi_enhance import scene as scenes
 from mi_enhance.analytic.parameters import ALPHA_X, F0, N_X
 from mi_enhance.cli import main
+from mi_enhance.evaluation import scenes
 from mi_enhance.image_descent import Descent
 from mi_enhance.inverse import fit_images
 from mi_enhance.material.material import Material

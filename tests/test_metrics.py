@@ -7,11 +7,17 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance import metrics
+from mi_enhance.evaluation import image_metrics
 from mi_enhance.fitting import losses
 from mi_enhance.output import srgb
 
-METRICS = (metrics.ssim, metrics.delta_E_ITP, metrics.delta_E_ITP_map, metrics.psnr, metrics.mean_abs_log)
+METRICS = (
+    image_metrics.ssim,
+    image_metrics.delta_E_ITP,
+    image_metrics.delta_E_ITP_map,
+    image_metrics.psnr,
+    image_metrics.mean_abs_log,
+)
 ROUNDING = 1e-6  # float32 logarithms and sums
 
 
@@ -46,35 +52,35 @@ def test_log_l1_gradient_is_sign_over_one_plus_f(llvm):
 
 
 def test_identical_images_are_perfect(image):
-    assert metrics.ssim(image, image) == pytest.approx(1, abs=1e-12)
-    assert metrics.delta_E_ITP(image, image) == 0
-    assert metrics.mean_abs_log(image, image) == 0
-    assert metrics.psnr(image, image) == np.inf
+    assert image_metrics.ssim(image, image) == pytest.approx(1, abs=1e-12)
+    assert image_metrics.delta_E_ITP(image, image) == 0
+    assert image_metrics.mean_abs_log(image, image) == 0
+    assert image_metrics.psnr(image, image) == np.inf
 
 
 def test_ssim_of_constant_images_is_its_luminance_term():
     # without structure, SSIM is (2 a b + C1) / (a^2 + b^2 + C1), C1 = 0.01^2, of the sRGB-encoded values
     a, b = 0.735357, 0.537099  # encoded 0.5 and 0.25
     expected = (2 * a * b + 1e-4) / (a * a + b * b + 1e-4)
-    result = metrics.ssim(np.full((16, 16, 3), 0.5), np.full((16, 16, 3), 0.25))
+    result = image_metrics.ssim(np.full((16, 16, 3), 0.5), np.full((16, 16, 3), 0.25))
     assert result == pytest.approx(expected, abs=1e-5)
 
 
 def test_ssim_is_blind_above_white_and_delta_e_is_not(image):
     bright = image + 1
-    assert metrics.ssim(bright, bright + 3) == pytest.approx(1, abs=1e-12)
-    assert metrics.delta_E_ITP(bright, bright + 3) > 0.01
+    assert image_metrics.ssim(bright, bright + 3) == pytest.approx(1, abs=1e-12)
+    assert image_metrics.delta_E_ITP(bright, bright + 3) > 0.01
 
 
 def test_ssim_falls_with_noise(image):
     noise = np.random.default_rng(1).normal(size=image.shape)
-    assert 1 > metrics.ssim(image + 0.01 * noise, image) > metrics.ssim(image + 0.1 * noise, image) > 0
+    assert 1 > image_metrics.ssim(image + 0.01 * noise, image) > image_metrics.ssim(image + 0.1 * noise, image) > 0
 
 
 def test_delta_e_of_greys_is_the_difference_of_pq_codes():
     # Grey has Ct = Cp = 0 and I = PQ(luminance). SMPTE ST 2084 at 100 cd/m2: 0.508078; at 50 cd/m2: 0.440282.
     a, b = np.full((2, 2, 3), 1.0), np.full((2, 2, 3), 0.5)
-    assert metrics.delta_E_ITP(a, b) == pytest.approx(_pq(100) - _pq(50), abs=1e-6)
+    assert image_metrics.delta_E_ITP(a, b) == pytest.approx(_pq(100) - _pq(50), abs=1e-6)
     assert _pq(100) == pytest.approx(0.508078, abs=1e-6)
 
 
@@ -82,30 +88,30 @@ def test_delta_e_of_colours_is_the_matrix_of_bt_2100():
     a, b = np.array([0.8, 0.2, 0.1]), np.array([0.7, 0.25, 0.1])
     expected = np.linalg.norm(_itp(a) - _itp(b))
     # 1e-4 of the distance: the published sRGB to BT.2020 matrix has four digits
-    assert metrics.delta_E_ITP(a[None, None], b[None, None]) == pytest.approx(expected, rel=1e-3)
+    assert image_metrics.delta_E_ITP(a[None, None], b[None, None]) == pytest.approx(expected, rel=1e-3)
 
 
 def test_delta_e_map_is_local_and_its_mean_is_the_number(image):
     other = image.copy()
     other[3, 5] += 0.2
-    error = metrics.delta_E_ITP_map(other, image)
+    error = image_metrics.delta_E_ITP_map(other, image)
     assert np.argwhere(error > 0).tolist() == [[3, 5]]
-    assert metrics.delta_E_ITP(other, image) == pytest.approx(error[3, 5] / error.size)
+    assert image_metrics.delta_E_ITP(other, image) == pytest.approx(error[3, 5] / error.size)
 
 
 def test_delta_e_takes_negative_radiance_as_black(image):
-    assert metrics.delta_E_ITP(np.full_like(image, -0.1), np.zeros_like(image)) == 0
+    assert image_metrics.delta_E_ITP(np.full_like(image, -0.1), np.zeros_like(image)) == 0
 
 
 def test_psnr_by_hand():
     # encoded 0 and 1 in half of the pixels: mean squared error 1/2, so 10 log10(2) dB
     a, b = np.zeros((2, 2, 3)), np.zeros((2, 2, 3))
     b[0] = 1
-    assert metrics.psnr(a, b) == pytest.approx(10 * np.log10(2))
+    assert image_metrics.psnr(a, b) == pytest.approx(10 * np.log10(2))
 
 
 def test_mean_abs_log_by_hand():
-    assert metrics.mean_abs_log(np.full((2, 2, 3), 3.0), np.full((2, 2, 3), 1.0)) == pytest.approx(np.log(2))
+    assert image_metrics.mean_abs_log(np.full((2, 2, 3), 3.0), np.full((2, 2, 3), 1.0)) == pytest.approx(np.log(2))
 
 
 def test_encode_srgb_is_what_mitsuba_writes(llvm):
@@ -128,7 +134,7 @@ def test_wrong_images_are_refused(metric, image):
 
 def test_ssim_refuses_images_smaller_than_its_window():
     with pytest.raises(ValueError, match="10 x 30 pixels; the window needs at least 11 x 11"):
-        metrics.ssim(np.zeros((10, 30, 3)), np.zeros((10, 30, 3)))
+        image_metrics.ssim(np.zeros((10, 30, 3)), np.zeros((10, 30, 3)))
 
 
 def _pq(luminance):

@@ -13,7 +13,7 @@ import pytest
 from plugin_scenes import hit
 from test_plugin_sampling import view
 
-from mi_enhance.density import chi_square
+from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
 from mi_enhance.sampling import lobe_mixture
 from mi_enhance.sampling.lobe_mixture import MIN_SHARE, NODES, Mixture

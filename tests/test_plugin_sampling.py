@@ -9,7 +9,7 @@ import pytest
 from plugin_scenes import analytic, directions, hit, material, vectors
 
 from mi_enhance import models
-from mi_enhance.density import chi_square
+from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
 
 SIGNIFICANCE = 0.01  # of all chi-square tests together: the Sidak correction asks the more of each, the more there are

@@ -10,11 +10,13 @@ import mi_enhance as me  # before mitsuba
 import mitsuba as mi  # isort: skip
 import numpy as np
 import pytest
-from mi_enhance.bsdfs.function import of_function, reflectance
+from mi_enhance.bsdfs.function import of_function
 
-from mi_enhance import Material, data, rivals, scene
+from mi_enhance import Material, data, rivals
 from mi_enhance.data import nbrdf
 from mi_enhance.data.directions import sample_pairs
+from mi_enhance.evaluation import scenes
+from mi_enhance.evaluation.reflectance import reflectance
 from mi_enhance.fitting.losses import log_l1
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,7 +77,7 @@ def test_the_evaluators_can_be_chosen(llvm):
 
 def test_spheres(llvm):
     grey = [{"type": "diffuse", "reflectance": {"type": "rgb", "value": v}} for v in (0.1, 0.5, 0.9)]
-    image = np.array(mi.render(scene.spheres(grey, resolution=32, spp=4)))
+    image = np.array(mi.render(scenes.spheres(grey, resolution=32, spp=4)))
     assert np.isfinite(image).all() and image.std() > 0
 
 

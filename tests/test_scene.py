@@ -12,8 +12,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance import scene
-from mi_enhance.compare import compare, compare_files
+from mi_enhance.evaluation import scenes
+from mi_enhance.evaluation.compare import compare, compare_files
 from mi_enhance.output import table
 from mi_enhance.system.bundled_files import scene_file
 
@@ -25,7 +25,7 @@ BLACK = {"type": "diffuse", "reflectance": 0.0}
 
 @pytest.mark.parametrize("name", SCENES)
 def test_scene_is_exposed_for_the_screen(llvm, name):
-    image = np.array(mi.render(scene.load(name, GREY, resolution=48, spp=16)))
+    image = np.array(mi.render(scenes.load(name, GREY, resolution=48, spp=16)))
     assert image.shape == (48, 48, 3)
     assert np.isfinite(image).all()
     assert 0.1 < np.median(image) < 0.7  # neither dark nor washed out at display white 1
@@ -34,14 +34,14 @@ def test_scene_is_exposed_for_the_screen(llvm, name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_material_covers_the_ball_and_nothing_else(llvm, name):
-    grey, black = (np.array(mi.render(scene.load(name, b, resolution=48, spp=16, max_depth=2))) for b in (GREY, BLACK))
+    grey, black = (np.array(mi.render(scenes.load(name, b, resolution=48, spp=16, max_depth=2))) for b in (GREY, BLACK))
     covered = (np.abs(grey - black) > 0.02).any(2).mean()
     assert 0.1 < covered < 0.7
 
 
 def test_bsdf_instance_and_dictionary_render_the_same(llvm):
     images = [
-        np.array(mi.render(scene.load("sphere_envmap", b, resolution=24, spp=4))) for b in (GREY, mi.load_dict(GREY))
+        np.array(mi.render(scenes.load("sphere_envmap", b, resolution=24, spp=4))) for b in (GREY, mi.load_dict(GREY))
     ]
     assert np.allclose(*images, atol=SUMMATION)
 
@@ -56,19 +56,19 @@ def test_replacing_equals_the_material_named_in_the_xml(llvm, name, tmp_path):
     path.write_text(text.replace(node, '<bsdf type="diffuse"> <rgb name="reflectance" value="0.5"/> </bsdf>'))
     expected = mi.render(mi.load_file(str(path), optimize=False, resolution=24, spp=4))
     rgb = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}}
-    result = mi.render(scene.load(name, rgb, resolution=24, spp=4))
+    result = mi.render(scenes.load(name, rgb, resolution=24, spp=4))
     assert np.allclose(np.array(result), np.array(expected), atol=SUMMATION)
 
 
 def test_equal_seeds_give_equal_noise(llvm):
     """Across loads: a comparison rests on it."""
-    first, second = (np.array(mi.render(scene.shader_ball(GREY, resolution=24, spp=4), seed=3)) for _ in range(2))
+    first, second = (np.array(mi.render(scenes.shader_ball(GREY, resolution=24, spp=4), seed=3)) for _ in range(2))
     assert np.allclose(first, second, atol=SUMMATION)
 
 
 def test_loading_leaves_the_search_path_as_it_was(llvm):
     before = str(mi.file_resolver())
-    scene.load("sphere_envmap", GREY, resolution=16, spp=1)
+    scenes.load("sphere_envmap", GREY, resolution=16, spp=1)
     assert str(mi.file_resolver()) == before
 
 
@@ -76,25 +76,25 @@ def test_loading_leaves_the_search_path_as_it_was(llvm):
 @pytest.mark.parametrize("value", (0, 2.5))
 def test_bad_number_is_refused(llvm, name, value):
     with pytest.raises(ValueError, match=rf"{name} is {value}; it must be a positive integer"):
-        scene.load("shader_ball", GREY, **{name: value})
+        scenes.load("shader_ball", GREY, **{name: value})
 
 
 def test_unknown_scene_is_refused(llvm):
     with pytest.raises(FileNotFoundError, match="Choose one of: shader_ball.xml, sphere_envmap.xml"):
-        scene.load("teapot", GREY)
+        scenes.load("teapot", GREY)
     with pytest.raises(FileNotFoundError, match=r'scene.load\("teapot.xml"\): no such file'):
-        scene.load("teapot.xml", GREY)
+        scenes.load("teapot.xml", GREY)
 
 
 def test_scene_without_the_id_is_refused(llvm, tmp_path):
     path = tmp_path / "bare.xml"
     path.write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
     with pytest.raises(ValueError, match='no object has id="material"'):
-        scene.load(path, GREY)
+        scenes.load(path, GREY)
 
 
 def test_missing_variant_is_said(run_child):
-    result = run_child("import mi_enhance.scene as s; s.load('shader_ball', {'type': 'diffuse'})")
+    result = run_child("import mi_enhance.evaluation.scenes as s; s.load('shader_ball', {'type': 'diffuse'})")
     assert 'no Mitsuba variant is active. Call mi.set_variant("llvm_ad_rgb")' in result.stderr
 
 
@@ -167,7 +167,7 @@ def test_compare_files_averages_each_model(tmp_path, monkeypatch):
         row = {"material": path.name[0], "label": "GGX", "ssim": ssim, "psnr": None}
         return [{**row, "mpaths_per_s": rate, "bytes": size}]
 
-    monkeypatch.setattr(sys.modules["mi_enhance.compare"], "compare_file", one_file)
+    monkeypatch.setattr(sys.modules["mi_enhance.evaluation.compare"], "compare_file", one_file)
     result = compare_files([Path("x/a_rgb.bsdf"), Path("x/b_rgb.bsdf")], out_dir=tmp_path, spp=4)
     (mean,) = result["mean"]
     expected = {"ssim": 0.8, "mpaths_per_s": 2 / (1 / 2 + 1 / 4), "bytes": 150}

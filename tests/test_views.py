@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance import scene as scenes
+from mi_enhance.evaluation import scenes
 from mi_enhance.view_files import FILE, read_views, write_views
 from mi_enhance.views import View, around, render_views
 

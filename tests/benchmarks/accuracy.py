@@ -9,7 +9,7 @@ Four errors of each fit, all eq. (1) of the paper as a mean, over the samples of
 - both *below 80 degrees*: only samples with both directions less than 80 degrees from the normal; beyond, the files are
   extrapolated.
 
-``--render`` holds renders of the Standard Shader Ball against the file's own (``mi_enhance/metrics.py``): for every
+``--render`` holds renders of the Standard Shader Ball against the file's own (``mi_enhance/evaluation/image_metrics.py``): for every
 material ``comparison.png`` (all models) and ``short.png``; ``best.png``, ``worst.png`` with three materials each. What
 is no BSDF of ours is rendered from a table (``tabulated.py``).
 
@@ -31,8 +31,8 @@ import rivals
 import tabulated
 from common import averaged, finish
 
-from mi_enhance import data, metrics, scene
-from mi_enhance.evaluation import comparison_picture
+from mi_enhance import data
+from mi_enhance.evaluation import comparison_picture, image_metrics, scenes
 from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name, replacing
@@ -140,8 +140,8 @@ def _render(args, path, measurements, folder: Path, contenders: list[rivals.Riva
         fitted = rival.fit(measurements, folder)
         if fitted:
             image = _image(args, rival.stem(measurements, folder), lambda fitted=fitted: _bsdf(fitted, lobe))
-            error = metrics.delta_E_ITP_map(image, truth)
-            row |= {"ssim": metrics.ssim(image, truth), "delta_E_ITP_1000": 1000 * float(np.mean(error))}
+            error = image_metrics.delta_E_ITP_map(image, truth)
+            row |= {"ssim": image_metrics.ssim(image, truth), "delta_E_ITP_1000": 1000 * float(np.mean(error))}
             tiles.append({**row, "image": image, "error": error})
     comparison_picture.draw(("measured", truth), tiles, folder / "comparison.png", title=measurements.name)
     # the reference, the network named first, and the rival that is trained for each material: what a page has room for
@@ -168,7 +168,7 @@ def _image(args, stem: Path, make_bsdf) -> np.ndarray:
     """A render of the shader ball, from the file that an earlier run has left or anew."""
     file = stem.with_suffix(f".{args.resolution}-{args.spp}.exr")
     if not file.exists():
-        ball = scene.shader_ball(make_bsdf(), resolution=args.resolution, spp=args.spp)
+        ball = scenes.shader_ball(make_bsdf(), resolution=args.resolution, spp=args.spp)
         image = mi.Bitmap(np.array(mi.render(ball, spp=args.spp, seed=args.seed)))
         with replacing(file) as temporary:
             image.write(temporary)

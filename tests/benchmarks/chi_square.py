@@ -17,7 +17,7 @@ import numpy as np
 from common import finish, shipped
 
 from mi_enhance import data, fit
-from mi_enhance.density import chi_square
+from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
 from mi_enhance.sampling.mixture_fit import mixture
 from mi_enhance.system.files import material_name

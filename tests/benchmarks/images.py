@@ -28,9 +28,9 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish, folder_name
 
-from mi_enhance import inverse, inverse_picture, inverse_starts, metrics, photographs, rivals, unknowns
-from mi_enhance import scene as scenes
+from mi_enhance import inverse, inverse_picture, inverse_starts, photographs, rivals, unknowns
 from mi_enhance.analytic import parameters
+from mi_enhance.evaluation import image_metrics, scenes
 from mi_enhance.material.material import Material
 from mi_enhance.output.table import write_table
 from mi_enhance.system.files import material_name, replacing
@@ -164,11 +164,11 @@ def judge(args, model, photos: list, exact: list[np.ndarray], folder: Path, name
     row = {"fit_seconds": found.report["seconds"], "nonfinite_gradients": found.report["nonfinite_gradients"]}
     for (where, views), truth, prefix in zip(unseen(args), exact, ("", "unseen_light_"), strict=True):
         pairs = list(zip(renders(args, where, views, bsdf).mean(0), truth.mean(0), strict=True))
-        row[f"{prefix}noise"] = mean(metrics.mean_abs_log, list(zip(*truth, strict=True))) / 2
-        row[f"{prefix}mean_abs_log"] = mean(metrics.mean_abs_log, pairs)
-        row[f"{prefix}ssim"] = mean(metrics.ssim, pairs)
-        row[f"{prefix}delta_E_ITP_1000"] = 1000 * mean(metrics.delta_E_ITP, pairs)
-        row[f"{prefix}psnr"] = mean(metrics.psnr, pairs)
+        row[f"{prefix}noise"] = mean(image_metrics.mean_abs_log, list(zip(*truth, strict=True))) / 2
+        row[f"{prefix}mean_abs_log"] = mean(image_metrics.mean_abs_log, pairs)
+        row[f"{prefix}ssim"] = mean(image_metrics.ssim, pairs)
+        row[f"{prefix}delta_E_ITP_1000"] = 1000 * mean(image_metrics.delta_E_ITP, pairs)
+        row[f"{prefix}psnr"] = mean(image_metrics.psnr, pairs)
     stem = folder / f"{name}_{folder_name(label)}"
     inverse_picture.draw_views(photos, found.renders, f"{stem}_views.png")
     with replacing(f"{stem}_curve.json") as temporary:

@@ -15,9 +15,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 
 import mitsuba as mi  # isort: skip
 from common import finish
-from mi_enhance.bsdfs.function import reflectance
 
 from mi_enhance import Material, data, fit, specialize
+from mi_enhance.evaluation.reflectance import reflectance
 from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import write_table
 from mi_enhance.timing import machine

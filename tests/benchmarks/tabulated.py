@@ -99,7 +99,7 @@ def main() -> None:
     from common import finish
     from rivals import evaluate
 
-    from mi_enhance import metrics, scene
+    from mi_enhance.evaluation import image_metrics, scenes
     from mi_enhance.timing import machine
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -114,11 +114,11 @@ def main() -> None:
         ggx = Material.analytic("ggx").edit(rho_d=(0.2, 0.1, 0.05), rho_s=1, F0=0.5, alpha_x=alpha, alpha_y=alpha)
         table = bsdf(tabulate(lambda wi, wo, ggx=ggx: evaluate(ggx, wi, wo)), ggx)
         images = [
-            np.array(mi.render(scene.shader_ball(b, resolution=args.resolution, spp=args.spp)))
+            np.array(mi.render(scenes.shader_ball(b, resolution=args.resolution, spp=args.spp)))
             for b in (table, ggx.bsdf())
         ]
-        rows.append({"label": f"{alpha:g}", "ssim": metrics.ssim(*images)})
-        rows[-1]["delta_E_ITP_1000"] = 1000 * metrics.delta_E_ITP(*images)
+        rows.append({"label": f"{alpha:g}", "ssim": image_metrics.ssim(*images)})
+        rows[-1]["delta_E_ITP_1000"] = 1000 * image_metrics.delta_E_ITP(*images)
     finish(rows, _COLUMNS, title="A table against what it holds", about=about, as_json=args.json)
 
 

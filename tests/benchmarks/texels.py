@@ -15,9 +15,10 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish
 
-from mi_enhance import Material, metrics, scene
+from mi_enhance import Material
 from mi_enhance.data import directions, rgl
 from mi_enhance.data.measurements import clamp_negative
+from mi_enhance.evaluation import image_metrics, scenes
 from mi_enhance.evaluation.comparison_picture import draw
 from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
 from mi_enhance.output import srgb
@@ -72,7 +73,7 @@ def main() -> None:
         maps.save(f"{stem}.exr")
         maps.material.save(f"{stem}.bsdf")
         draw_maps(maps, f"{stem}.png")
-        delta = metrics.delta_E_ITP_map(image, truth)
+        delta = image_metrics.delta_E_ITP_map(image, truth)
         row = {
             "label": label,
             **{key: maps.material.report[key] for key in ("log_l1", "seconds", "seconds_per_1000")},
@@ -80,9 +81,9 @@ def main() -> None:
             "ratio": error.mean() / found["GGX"].mean(),
             "worst": error.max(),
             "better": (error < found["GGX"]).mean(),
-            "mean_abs_log": metrics.mean_abs_log(image, truth),
+            "mean_abs_log": image_metrics.mean_abs_log(image, truth),
             "delta_E_ITP_1000": 1000 * delta.mean(),
-            "ssim": metrics.ssim(image, truth),
+            "ssim": image_metrics.ssim(image, truth),
         }
         rows.append(row)
         pictures.append({**row, "image": image, "error": delta})
@@ -121,7 +122,7 @@ def blend(files: list[str], weights: np.ndarray) -> dict:
 
 def render(bsdf: dict, args) -> np.ndarray:
     """On the sphere under the environment map."""
-    loaded = scene.load("sphere_envmap", bsdf, resolution=args.resolution, spp=args.spp)
+    loaded = scenes.load("sphere_envmap", bsdf, resolution=args.resolution, spp=args.spp)
     return np.array(mi.render(loaded, seed=0))
 
 

@@ -13,11 +13,10 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import data, metrics
-from . import scene as scenes
-from .evaluation import comparison_picture
-from .output.table import write_table
-from .system.files import material_name, replacing, require_file
+from .. import data
+from ..output.table import write_table
+from ..system.files import material_name, replacing, require_file
+from . import comparison_picture, image_metrics, scenes
 
 _WARM_UP_SPP = 1  # compiles the same kernels as any other number
 
@@ -46,7 +45,7 @@ def compare(
     out_dir : str or Path
         Folder for ``comparison.png`` and one ``<label>.exr`` each (linear RGB radiance); made if missing.
     scene : str or Path
-        As for `mi_enhance.scene.load`.
+        As for `mi_enhance.evaluation.scenes.load`.
     resolution, spp : int
         Pixels on a side, samples per pixel. Mitsuba may round `spp` up; the rate counts what was traced.
     seed : int
@@ -89,15 +88,15 @@ def compare(
         images[label], seconds = _render(bsdf, scene, resolution, spp, seed)
         _write_exr(images[label], out_dir / files[label])
         pair = images[label], images[truth_label]
-        errors[label] = metrics.delta_E_ITP_map(*pair)
-        psnr = metrics.psnr(*pair)
+        errors[label] = image_metrics.delta_E_ITP_map(*pair)
+        psnr = image_metrics.psnr(*pair)
         rows.append(
             {
                 "label": label,
-                "ssim": metrics.ssim(*pair),
+                "ssim": image_metrics.ssim(*pair),
                 "delta_E_ITP_1000": 1000 * float(np.mean(errors[label])),
                 "psnr": psnr if np.isfinite(psnr) else None,  # JSON knows no infinity
-                "mean_abs_log": metrics.mean_abs_log(*pair),
+                "mean_abs_log": image_metrics.mean_abs_log(*pair),
                 **seconds,
                 "image": str(out_dir / files[label]),
             }
@@ -120,7 +119,7 @@ def default_models(network=None):
     >>> list(default_models())
     ['GGX', 'enhanced GGX']
     """
-    from .material.material import Material
+    from ..material.material import Material
 
     return {"GGX": Material.analytic("ggx"), "enhanced GGX": network or Material.network()}
 
@@ -151,7 +150,7 @@ def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, 
     --------
     >>> compare_file("data/rgl/satin_rosaline_rgb.bsdf", out_dir="out/satin")  # doctest: +SKIP
     """
-    from .fitting.fit import fit
+    from ..fitting.fit import fit
 
     path = require_file(path, f'compare_file("{path}")')
     out_dir = Path(out_dir)

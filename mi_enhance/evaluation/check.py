@@ -9,10 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .analytic import geometry
-from .density import SIGNIFICANCE, chi_square
-from .material.material import Material
-from .numerics import sequences
+from ..analytic import geometry
+from ..material.material import Material
+from ..numerics import sequences
+from .chi_square import SIGNIFICANCE, chi_square
 
 RECIPROCITY = 1e-6  # relative: float32 knows no more of a product of a dozen factors
 ALBEDO = 1 + 1e-4
@@ -102,8 +102,8 @@ def check(
     add("density over its integral", max((abs(r["normalisation"] - 1) for _, r in tests), default=0.0) + 1)
     result = {"ok": all(row["verdict"] != "off" for row in rows), "rows": rows, "files": {}}
     if out_dir is not None:
+        from ..output.table import write_table
         from .check_picture import draw
-        from .output.table import write_table
 
         folder = Path(out_dir)
         folder.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .analytic import geometry
+from ..analytic import geometry
 
 SIGNIFICANCE = 0.01  # of all tests of a run together
 _SAMPLES = 200_000

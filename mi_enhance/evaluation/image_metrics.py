@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .fitting.losses import log_l1
-from .output.srgb import encode_srgb
+from ..fitting.losses import log_l1
+from ..output.srgb import encode_srgb
 
 WHITE_CD_M2 = 100.0  # luminance given to radiance 1: the peak white of a standard-dynamic-range display
 JND_PER_ITP = 720.0  # ITU-R BT.2124: 720 times the distance in ITP is 1 at the threshold of visibility

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .output.figure import sheet
+from ..output.figure import sheet
 
 
 def draw(angles, albedo, peaks, reciprocity, path, *, title):
-    """Draw what :func:`mi_enhance.check` found and write the picture.
+    """Draw what :func:`mi_enhance.evaluation.check` found and write the picture.
 
     Parameters
     ----------

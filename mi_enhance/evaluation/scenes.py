@@ -11,7 +11,7 @@ from pathlib import Path
 
 import mitsuba as mi
 
-from .system.bundled_files import scene_file
+from ..system.bundled_files import scene_file
 
 
 def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
