@@ -37,7 +37,7 @@ _PUBLIC = {
     "load": "mi_enhance.material.material",
     "read_views": "mi_enhance.view_files",
     "render_views": "mi_enhance.views",
-    "search": "mi_enhance.search",
+    "search": "mi_enhance.hypercube.search",
     "shader_ball": "mi_enhance.evaluation.scenes",
     "specialize": "mi_enhance.specialization.specialize",
     "train": "mi_enhance.training.train",

@@ -226,7 +226,7 @@ def search(args: argparse.Namespace) -> dict:
         raise ValueError("-D model: the model is the first argument of the command.")
     data, validation = (_sources(names) for names in (args.data, args.validation))
     _set_variant(args.variant)
-    from .search import search
+    from .hypercube.search import search
 
     folder = output.with_suffix(".search")
     start = time.perf_counter()

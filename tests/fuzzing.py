@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 import mi_enhance  # noqa: F401  (before mitsuba)
-from mi_enhance import candidate, data, models
+from mi_enhance import data, models
 from mi_enhance.data import merl, nps
+from mi_enhance.hypercube import inheritance
 from mi_enhance.material.material import Material
 from mi_enhance.material.material_maps import MaterialMaps
 from mi_enhance.neural.enhance import enhance
@@ -186,7 +187,7 @@ READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
     "model .toml": ("x.toml", ROOT / "docs/ashikhmin_shirley.toml", models.get),
     "training set": ("x.npz", _write_set, TrainingSet.read),
     "sources .json": ("x.json", lambda p: p.write_text(json.dumps(_SOURCES)), _jobs),
-    "checkpoint": ("x.npz", _write_checkpoint, lambda p: candidate.restore(_checkpoint(), p)),
+    "checkpoint": ("x.npz", _write_checkpoint, lambda p: inheritance.restore(_checkpoint(), p)),
     "search log": (
         "x.jsonl",
         lambda p: p.write_text('{"stage": 1, "best": [0, 1]}\n{"stage": 2, "best": [1, 1]}\n'),

@@ -18,8 +18,10 @@ import pytest
 import mi_enhance  # noqa: F401  (before mitsuba)
 
 import mitsuba as mi  # isort: skip
-from mi_enhance import candidate, data, models, search, state
+from mi_enhance import data, models, search
 from mi_enhance.data.random_terms import assorted
+from mi_enhance.hypercube import candidate, inheritance, judging, states
+from mi_enhance.hypercube.setup import Setup, candidate_folder
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 
@@ -86,21 +88,21 @@ def test_the_network_is_the_last_state_and_carries_the_log(finished):
 def test_candidates_start_where_their_parent_is(finished):
     """Weights and parameters by name; what is new imitates, so no material is far from where it was."""
     folder, found = finished
-    setup = candidate.Setup(folder)
+    setup = Setup(folder)
     start = tuple(found.stages[0]["current"])
-    before, old = candidate.restore(
-        state.build(setup.model, start, setup.choices, **setup.build),
-        candidate.candidate_folder(folder, 0, start) / "checkpoint.npz",
+    before, old = inheritance.restore(
+        states.build(setup.model, start, setup.choices, **setup.build),
+        candidate_folder(folder, 0, start) / "checkpoint.npz",
     )
-    for digits in state.neighbours(start, setup.choices):
-        brdf, values = candidate.inherit(setup, folder, 1, digits, start)
+    for digits in states.neighbours(start, setup.choices):
+        brdf, values = inheritance.inherit(setup, folder, 1, digits, start)
         names = [p.name for p in brdf.parameters]
         assert set(names) - {p.name for p in before.parameters} <= {"asymmetry", "latent", "norm_F", "norm_G"}
         np.testing.assert_allclose(values[:, : old.shape[1]], old, rtol=1e-6)
 
 
 def test_the_samples_kept_aside_are_not_trained_on(finished):
-    samples, aside = candidate.Setup(finished[0]).samples
+    samples, aside = Setup(finished[0]).samples
     assert (samples.n_samples, aside.n_samples) == (128, 64)
     seen = {tuple(row) for row in samples.samples.T}
     assert not seen & {tuple(row) for row in aside.samples.T}
@@ -280,7 +282,7 @@ def test_other_wrong_input_is_refused(llvm, finished, tmp_path):
 
 
 def test_a_stage_of_diverged_candidates_is_an_error(llvm, tmp_path, monkeypatch):
-    monkeypatch.setattr(candidate, "judge", lambda *_: float("inf"))
+    monkeypatch.setattr(judging, "judge", lambda *_: float("inf"))
     with pytest.raises(RuntimeError, match="all candidates of stage 1 diverged. Lower lr or lr_parameters"):
         run(tmp_path / "run")
 
@@ -306,14 +308,14 @@ def test_the_live_table_shows_states(finished, monkeypatch):
     """What a user sees while a stage runs, and the line after it."""
     from rich.console import Console
 
-    from mi_enhance.search_view import LiveTable
+    from mi_enhance.hypercube.live_table import LiveTable
 
     folder, found = finished
-    setup = candidate.Setup(folder)
+    setup = Setup(folder)
     view = LiveTable(folder, setup)
     view._console = Console(record=True, width=160)
     current = tuple(found.stages[0]["current"])
-    around = state.neighbours(current, setup.choices)
+    around = states.neighbours(current, setup.choices)
     view.started(1, current, around)
     view._console.print(view._table())
     view.finished(found.stages[:1])

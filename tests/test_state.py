@@ -11,8 +11,9 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 
 import mitsuba as mi  # isort: skip
 
-from mi_enhance import enhance, models, state
+from mi_enhance import enhance, models
 from mi_enhance.analytic import alternative_terms, geometry, parameters
+from mi_enhance.hypercube import states
 from mi_enhance.material.material import Material
 from mi_enhance.neural import inputs
 
@@ -26,33 +27,33 @@ ORIGINAL = (0,) * 11
 
 def test_the_papers_hypercube():
     """11 bits; N + 1 candidates at distance 1, 1 + N + N (N - 1) / 2 at distance 2 (section 4.2)."""
-    choices = state.choices(GGX)
+    choices = states.choices(GGX)
     assert [len(c) for c in choices.values()] == [2] * 11
-    near, far = (state.neighbours(ORIGINAL, choices, distance=d) for d in (1, 2))
+    near, far = (states.neighbours(ORIGINAL, choices, distance=d) for d in (1, 2))
     assert len(near) == len(set(near)) == 12 and len(far) == len(set(far)) == 67
     assert near[0] == ORIGINAL and set(near) <= set(far)
     # and back again: a module may be reverted
-    assert ORIGINAL in state.neighbours(near[3], choices)
+    assert ORIGINAL in states.neighbours(near[3], choices)
 
 
 def test_digits_count_all_choices():
-    choices = state.choices(GGX, modules=SIZES, alternatives={"D": ["D_beckmann"]})
+    choices = states.choices(GGX, modules=SIZES, alternatives={"D": ["D_beckmann"]})
     assert choices["D"] == (None, (8, 8), (4,), "D_beckmann") and choices["F*G"] == (None, (8, 8), (4,))
-    assert len(state.neighbours(ORIGINAL, choices)) == 1 + 11 * 2 + 1
-    brdf = state.build(GGX, (0, 0, 0, 0, 3, 0, 1, 0, 2, 0, 0), choices, inputs="shape")
+    assert len(states.neighbours(ORIGINAL, choices)) == 1 + 11 * 2 + 1
+    brdf = states.build(GGX, (0, 0, 0, 0, 3, 0, 1, 0, 2, 0, 0), choices, inputs="shape")
     assert str(brdf) == "M + S * D_beckmann * [F] * [G] * 1/E"
     assert [m.sizes[1:-1] for m in brdf.networks.values()] == [(8, 8), (4,)]
 
 
 def test_constraints_narrow_the_hypercube():
     fixed = {"M": "analytic", "S": "analytic", "G": "neural"}
-    choices = state.choices(GGX, fixed=fixed, nodes_only=True)
+    choices = states.choices(GGX, fixed=fixed, nodes_only=True)
     assert choices["M"] == choices["F*G"] == (None,) and choices["G"] == ((16, 32, 16),)
-    assert str(state.build(GGX, ORIGINAL, choices)) == "M + S * D * F * [G] * 1/E"
-    around = state.neighbours(ORIGINAL, choices, distance=2, max_modules=2)
-    assert {len(list(state.chosen(s, choices))) for s in around} == {1, 2}
+    assert str(states.build(GGX, ORIGINAL, choices)) == "M + S * D * F * [G] * 1/E"
+    around = states.neighbours(ORIGINAL, choices, distance=2, max_modules=2)
+    assert {len(list(states.chosen(s, choices))) for s in around} == {1, 2}
     # what is there already may stay, however many are allowed
-    assert state.neighbours(ORIGINAL, choices, max_modules=0) == [ORIGINAL]
+    assert states.neighbours(ORIGINAL, choices, max_modules=0) == [ORIGINAL]
 
 
 @pytest.mark.parametrize(
@@ -68,7 +69,7 @@ def test_constraints_narrow_the_hypercube():
 )
 def test_wrong_choices_are_refused(wrong, message):
     with pytest.raises((ValueError, KeyError), match=message):
-        state.choices(GGX, **wrong)
+        states.choices(GGX, **wrong)
 
 
 # --- other analytic terms ---------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """Analytic terms that can stand in for one another, so that parts of several models compete at a slot.
 
-The paper leaves this to future work (section 3, last paragraph); :mod:`mi_enhance.search` tries them beside networks.
+The paper leaves this to future work (section 3, last paragraph); :mod:`mi_enhance.hypercube.search` tries them beside networks.
 """
 
 from __future__ import annotations

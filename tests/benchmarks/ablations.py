@@ -21,12 +21,14 @@ import numpy as np
 from common import finish, folder_name
 from residual_model import LARGE, SMALL, with_residual
 
-from mi_enhance import candidate, data, models
+from mi_enhance import data, models
 from mi_enhance.fitting.fit import fit
+from mi_enhance.hypercube import candidate, judging, setup
+from mi_enhance.hypercube.search import search
+from mi_enhance.hypercube.settings import DEFAULTS
 from mi_enhance.material.material import Material
 from mi_enhance.output.figure import sheet
 from mi_enhance.output.table import write_table
-from mi_enhance.search import DEFAULTS, search
 from mi_enhance.system.files import replacing
 from mi_enhance.timing import machine
 from mi_enhance.training.analytic_start import analytic_start, representative, validate
@@ -147,7 +149,7 @@ class Run:
     def residual(self, name: str) -> dict:
         """The analytic model with a residual network, trained with the same samples and number of steps."""
         folder = self._folder(name)
-        shared = candidate.Setup.of(self._folder("search"))
+        shared = setup.Setup.of(self._folder("search"))
         settings = {**DEFAULTS, "batch": 32, "steps": round(self.epochs * shared.steps / self.args.epochs)}
         samples, aside = shared.samples
         brdf = with_residual(self.args.model, RESIDUALS[name], n_latent=settings["n_latent"])
@@ -163,7 +165,7 @@ class Run:
             "n_weights": brdf.n_weights,
             "cost": brdf.multiply_adds / 1000,
             "epochs": self.epochs,
-            "loss": candidate.judge(brdf, values, aside),
+            "loss": judging.judge(brdf, values, aside),
             "validation": float(validate(brdf, unseen, analytic_start(brdf, unseen, folder / "unseen.npz")).mean()),
         }
         return row | self._rgl(Material(brdf, {}, library=values[representative(samples.kinds)]), folder)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .output.figure import sheet
+from ..output.figure import sheet
 
 _SPREAD = 0.2  # colours end where a candidate is this much better or worse than the unchanged state
 
@@ -18,7 +18,7 @@ def draw_search(found, choices: Mapping[str, Sequence], path: str | Path) -> Non
     Parameters
     ----------
     found : Found
-        Result of :func:`mi_enhance.search.search`.
+        Result of :func:`mi_enhance.hypercube.search.search`.
     choices : dict of str to sequence
         What may stand in every slot, in the order of the formula.
     path : str or Path

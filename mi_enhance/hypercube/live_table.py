@@ -6,9 +6,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from . import state
-from .candidate import Setup, candidate_folder
-from .system.files import read_json
+from ..system.files import read_json
+from . import states
+from .setup import Setup, candidate_folder
 
 
 class Silent:
@@ -20,7 +20,7 @@ class Silent:
     def __exit__(self, *_):
         pass
 
-    def started(self, number: int, current: state.State, around: Sequence[state.State]) -> None:
+    def started(self, number: int, current: states.State, around: Sequence[states.State]) -> None:
         """A stage begins."""
 
     def update(self) -> None:
@@ -58,7 +58,7 @@ class LiveTable(Silent):
     def __exit__(self, *_):
         self._live.stop()
 
-    def started(self, number: int, current: state.State, around: Sequence[state.State]) -> None:
+    def started(self, number: int, current: states.State, around: Sequence[states.State]) -> None:
         self._number, self._current, self._around = number, current, around
         self._begun = time.perf_counter()
         self._before = self._n_finished()
@@ -79,7 +79,7 @@ class LiveTable(Silent):
     def _n_finished(self) -> int:
         return sum((self._path(d) / "result.json").exists() for d in self._around)
 
-    def _path(self, digits: state.State) -> Path:
+    def _path(self, digits: states.State) -> Path:
         return candidate_folder(self._folder, self._number, digits)
 
     def _table(self):
@@ -101,9 +101,9 @@ class LiveTable(Silent):
             loss = result["loss"] if result else None
             unchanged = loss if digits == self._current else unchanged
             table.add_row(
-                state.name(digits),
+                states.name(digits),
                 # [F] is no markup
-                Text(state.change(self._current, digits, self._setup.choices)),
+                Text(states.change(self._current, digits, self._setup.choices)),
                 f"{progress['step']}/{self._setup.steps}" if progress else "waiting",
                 f"{loss:.5f}" if result else (f"({progress['loss']:.5f})" if progress else ""),
                 f"{loss / unchanged:.3f}" if result and unchanged else "",

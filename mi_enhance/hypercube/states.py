@@ -9,10 +9,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 
-from .analytic.alternative_terms import with_terms
-from .analytic.models.model import Model
-from .neural.enhance import enhance
-from .neural.enhanced_brdf import EnhancedBRDF
+from ..analytic.alternative_terms import with_terms
+from ..analytic.models.model import Model
+from ..neural.enhance import enhance
+from ..neural.enhanced_brdf import EnhancedBRDF
 
 State = tuple[int, ...]
 # What can stand in a slot: None (the original), hidden sizes of a network, or the name of another analytic term.

@@ -2,7 +2,7 @@
 
 All states within a Hamming distance of the current one are trained for some epochs from where it stands; the best
 becomes current, until the current one wins. The candidates of a stage are independent: any ``concurrent.futures``
-executor runs them, see :mod:`mi_enhance.candidate`. Everything is kept in a folder, from which a killed search goes on.
+executor runs them, see :mod:`mi_enhance.hypercube.candidate`. Everything is kept in a folder, from which a killed search goes on.
 """
 
 from __future__ import annotations
@@ -17,56 +17,19 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import candidate, state
-from .analytic import models
-from .data.measurements import Measurements
-from .material.material import Material
-from .neural.enhanced_brdf import EnhancedBRDF
-from .neural.inputs import INPUTS
-from .output.pareto import pareto
-from .system.files import digest, read_json, replacing
-from .training.analytic_start import analytic_start, representative, validate
-from .training.sources import build
-from .training.trainer import Trainer
-from .training.training_set import TrainingSet, gather
-
-DEFAULTS = {
-    "model": "ggx",
-    # the hypercube
-    "modules": [[16, 32, 16]],  # hidden sizes to choose from
-    "alternatives": {},  # slot: names of other analytic terms
-    "fixed": {},  # slot: "analytic" or "neural"
-    "nodes_only": False,
-    "max_modules": None,
-    "distance": 1,  # Hamming distance of candidates
-    # when a state is better
-    "epochs": 5.0,  # between changes
-    "tolerance": 0.01,  # a change must lower the score by this part of it
-    "price": 0.0,  # score = loss x (1 + price x cost)
-    "cost": "multiply-adds",  # in thousands; or "measured", in nanoseconds per evaluation
-    # the networks and their training
-    "inputs": "shape",
-    "modulated": True,
-    "n_latent": 27,
-    "n_samples": 4096,  # per material, to train on
-    "n_aside": 1024,  # per material, to judge by
-    "batch": 64,  # samples per material and step
-    "imitation_steps": 500,
-    "lr": 4e-3,
-    "lr_parameters": 3e-3,
-    "seed": 0,
-}
-_COSTS = ("multiply-adds", "measured")
-_AT_LEAST = {
-    "epochs": 1e-6,
-    "tolerance": 0.0,
-    "price": 0.0,
-    "lr": 0.0,
-    "lr_parameters": 0.0,
-    "max_modules": 0,
-    "n_latent": 0,
-}
-_AT_LEAST |= {"n_samples": 1, "n_aside": 1, "batch": 1, "imitation_steps": 0, "seed": 0}
+from ..analytic import models
+from ..data.measurements import Measurements
+from ..material.material import Material
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..output.pareto import pareto
+from ..system.files import digest, read_json, replacing
+from ..training.analytic_start import analytic_start, representative, validate
+from ..training.sources import build
+from ..training.trainer import Trainer
+from ..training.training_set import TrainingSet, gather
+from . import candidate, inheritance, states
+from .settings import _checked
+from .setup import Setup, candidate_folder, choices_of
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -149,7 +112,7 @@ def search(
     materials, validation = list(materials), list(validation)
     settings = {**_checked(model, settings), "materials": _digest([*materials, "validation", *validation])}
     prepare(folder, settings, materials, validation)
-    setup = candidate.Setup.of(folder)
+    setup = Setup.of(folder)
     log = folder / "stages.jsonl"
     stages = read_json(log, "search()", ("stage", "current", "best", "candidates"), lines=True) if log.exists() else []
     view = _view(folder, setup, progress)
@@ -166,43 +129,10 @@ def search(
                 callback(stage)
     found = Found(_network(setup, folder, stages), stages, pareto(stages))
     found.network.save(folder / "network.bsdf")
-    from .search_picture import draw_search
+    from .picture import draw_search
 
     draw_search(found, setup.choices, folder / "search.png")
     return found
-
-
-def _checked(model: models.Model | str, settings: dict) -> dict:
-    unknown = set(settings) - set(DEFAULTS)
-    if unknown:
-        raise ValueError(f"search(): unknown settings {sorted(unknown)}. Choose from: {', '.join(DEFAULTS)}.")
-    model = models.get(model) if isinstance(model, str) else model
-    settings = {**DEFAULTS, **settings, "model": model.text or model.name}
-    if str(candidate.model_of(settings)) != str(model):
-        raise ValueError(
-            f'search(): model "{model.name}" ({model}) is not the one that name stands for; '
-            "files could not say what it is. Write it as a text: models.from_expression."
-        )
-    for key, choices in (("cost", _COSTS), ("inputs", INPUTS), ("distance", (1, 2))):
-        if settings[key] not in choices:
-            raise ValueError(f"search(): {key}={settings[key]!r} is unknown. Choose one of: {choices}.")
-    for key, low in _AT_LEAST.items():
-        value, whole = settings[key], isinstance(DEFAULTS[key], int) or key == "max_modules"
-        if key == "max_modules" and value is None:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) or not low <= value < 1e12:
-            kind = "whole number" if whole else "number"
-            raise ValueError(f"search(): {key}={value!r}; it must be a {kind} of at least {low:g}.")
-    for key, kind in (
-        ("nodes_only", bool),
-        ("modulated", bool),
-        ("modules", list),
-        ("alternatives", dict),
-        ("fixed", dict),
-    ):
-        if not isinstance(settings[key], kind):
-            raise ValueError(f"search(): {key}={settings[key]!r}; it must be a {kind.__name__}, as {DEFAULTS[key]!r}.")
-    return settings
 
 
 def _digest(materials: list) -> str:
@@ -217,7 +147,7 @@ def prepare(folder: Path, settings: dict, materials: list, validation: list) -> 
     """Write what all candidates read: settings, samples, the start state with the analytic fit of every material."""
     file = folder / "search.json"
     text = json.dumps(settings, indent=2) + "\n"
-    start = (0,) * len(candidate.choices_of(settings))
+    start = (0,) * len(choices_of(settings))
     if file.exists() and file.read_text() != text:
         raise ValueError(
             f'search(): "{file}" is of a search with other settings or materials. Choose another folder, or remove it.'
@@ -233,11 +163,11 @@ def prepare(folder: Path, settings: dict, materials: list, validation: list) -> 
     if not file.exists():
         with replacing(file) as temporary:
             Path(temporary).write_text(text)
-    checkpoint = candidate.candidate_folder(folder, 0, start) / "checkpoint.npz"
+    checkpoint = candidate_folder(folder, 0, start) / "checkpoint.npz"
     if not checkpoint.exists():
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
-        setup = candidate.Setup.of(folder)
-        brdf = candidate.started(setup, folder, state.build(setup.model, start, setup.choices, **setup.build), {})
+        setup = Setup.of(folder)
+        brdf = inheritance.started(setup, folder, states.build(setup.model, start, setup.choices, **setup.build), {})
         samples, _ = setup.samples
         Trainer(brdf, samples, {**settings, "steps": 0}, analytic_start(brdf, samples)).save(checkpoint)
 
@@ -250,12 +180,12 @@ def _training_set(given: list, n: int, seed: int, folder: Path) -> TrainingSet:
     raise ValueError("search(): materials must all be Measurements, or all be sources (dictionaries).")
 
 
-def _stage(setup: candidate.Setup, folder: Path, stages: list[dict], executor: Executor | None, view) -> dict:
+def _stage(setup: Setup, folder: Path, stages: list[dict], executor: Executor | None, view) -> dict:
     """Train and judge all candidates around the current state."""
     number = len(stages) + 1
     current = tuple(stages[-1]["best"]) if stages else (0,) * len(setup.choices)
     left = {tuple(s["current"]) for s in stages} - {current}  # a state that has lost does not come back
-    around = state.neighbours(
+    around = states.neighbours(
         current, setup.choices, distance=setup.settings["distance"], max_modules=setup.settings["max_modules"]
     )
     around = [digits for digits in around if digits not in left]
@@ -305,13 +235,13 @@ def _stage(setup: candidate.Setup, folder: Path, stages: list[dict], executor: E
     return stage
 
 
-def _state_of(setup: candidate.Setup, folder: Path, stage: int, digits: state.State) -> tuple[EnhancedBRDF, np.ndarray]:
+def _state_of(setup: Setup, folder: Path, stage: int, digits: states.State) -> tuple[EnhancedBRDF, np.ndarray]:
     """The trained BRDF of a candidate, and the parameters of all materials."""
-    template = state.build(setup.model, digits, setup.choices, **setup.build)
-    return candidate.restore(template, candidate.candidate_folder(folder, stage, digits) / "checkpoint.npz")
+    template = states.build(setup.model, digits, setup.choices, **setup.build)
+    return inheritance.restore(template, candidate_folder(folder, stage, digits) / "checkpoint.npz")
 
 
-def _network(setup: candidate.Setup, folder: Path, stages: list[dict]) -> Material:
+def _network(setup: Setup, folder: Path, stages: list[dict]) -> Material:
     """The last state as a network file: weights, starts of fits, the log of the search."""
     last = stages[-1]
     brdf, values = _state_of(setup, folder, last["stage"], tuple(last["best"]))
@@ -327,7 +257,7 @@ def _network(setup: candidate.Setup, folder: Path, stages: list[dict]) -> Materi
     return Material(brdf, {}, report, library=values[keep])
 
 
-def _view(folder: Path, setup: candidate.Setup, progress: bool):
-    from .search_view import LiveTable, Silent
+def _view(folder: Path, setup: Setup, progress: bool):
+    from .live_table import LiveTable, Silent
 
     return LiveTable(folder, setup) if progress else Silent()

@@ -1,0 +1,84 @@
+"""What a candidate takes over from its parent."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..analytic import alternative_terms, parameter_space, parameters
+from ..neural.enhance import enhance
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.mlp import MLP, flatten, unflatten
+from ..system import npz
+from ..system.files import digest, replacing
+from ..training.imitation import imitate
+from . import states
+from .setup import Setup, candidate_folder
+
+
+def inherit(setup: Setup, folder: Path, stage: int, digits: states.State, parent: states.State):
+    """The BRDF of a state and the parameters of all materials, as far as possible those of the parent.
+
+    What is new starts as what it replaces: a network imitates its term or operator, another analytic term takes the
+    parameters with which it resembles the usual one.
+    """
+    template = states.build(setup.model, parent, setup.choices, **setup.build)
+    before, values = restore(template, candidate_folder(folder, stage - 1, parent) / "checkpoint.npz")
+    brdf = states.build(setup.model, digits, setup.choices, **setup.build)
+    return started(setup, folder, brdf, before.networks), _carry(values, before, brdf)
+
+
+def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.ndarray]:
+    """The BRDF with the weights of a checkpoint, and the parameters of all materials, (M, P)."""
+    where = f'search(): "{checkpoint}"'
+    stored = npz.read(checkpoint, ["weights", "parameters"], where)
+    flat = npz.numbers(stored, "weights", (max(template.n_weights, 1),), where)  # without networks one float stands in
+    values = stored["parameters"]
+    if values.dtype.kind != "f" or values.size % template.n_parameters or not np.isfinite(values).all():
+        raise ValueError(f"{where}: the parameters are not those of {template}. Remove this file's folder.")
+    values = values.astype(np.float64)
+    values = values.reshape(template.n_parameters, -1).T.copy()
+    brdf = dataclasses.replace(template, networks=unflatten(template.networks, flat))
+    return brdf, parameter_space.Space(template.parameters).back(values)
+
+
+def started(setup: Setup, folder: Path, brdf: EnhancedBRDF, kept: Mapping[str, MLP]) -> EnhancedBRDF:
+    """`brdf` with the networks of `kept` where they fit, and others that imitate what they replace."""
+    networks = {}
+    for slot, mlp in brdf.networks.items():
+        same = slot in kept and kept[slot].sizes == mlp.sizes
+        networks[slot] = kept[slot] if same else _imitation(setup, folder, slot, mlp.sizes[1:-1])
+    return dataclasses.replace(brdf, networks=networks)
+
+
+def _carry(old: np.ndarray, before: EnhancedBRDF, brdf: EnhancedBRDF) -> np.ndarray:
+    """Parameters of all materials by name, (M, P); new ones at their initial or resembling value."""
+    known = parameters.unflatten(before.parameters, old.T)
+    columns = {p.name: np.full((p.size, len(old)), p.initial) for p in brdf.parameters}
+    usual = {name: np.asarray(v)[0] for name, v in known.items() if len(np.atleast_2d(v)) == 1}
+    for slot, term in brdf.model.terms.items():
+        if before.model.terms.get(slot) != term:
+            started = alternative_terms.start(brdf.model, slot, term, usual)
+            columns |= {name: np.atleast_2d(v) for name, v in started.items()}
+    columns |= {name: np.atleast_2d(v) for name, v in known.items() if name in columns}
+    return np.concatenate([columns[p.name] for p in brdf.parameters]).T
+
+
+def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -> MLP:
+    """A network that has learned the term or operator in `slot`, kept on disk beside the folders of all searches."""
+    steps, seed = setup.settings["imitation_steps"], setup.settings["seed"]
+    key = json.dumps([1, str(setup.model), setup.model.name, slot, hidden, steps, setup.build], sort_keys=True)
+    file = folder.parent / "cache" / f"imitation-{digest(key.encode())}.npz"
+    alone = enhance(setup.model, {slot: hidden}, **setup.build)
+    if not file.exists():
+        taught = imitate(alone, steps=steps, seed=seed)
+        file.parent.mkdir(exist_ok=True)
+        with replacing(file) as temporary:
+            np.savez(temporary, weights=flatten(taught.networks))
+    where = f'search(): "{file}"'
+    weights = npz.numbers(npz.read(file, ["weights"], where), "weights", (alone.n_weights,), where)
+    return unflatten(alone.networks, weights)[slot]
