@@ -60,9 +60,10 @@ def fit_images(args: argparse.Namespace) -> dict:
     mi = _set_variant(args.variant)
     from tqdm import tqdm
 
-    from . import inverse, inverse_picture
+    from .images import fit_images as fit_images_module
+    from .images import pictures
+    from .images.view_files import read_views
     from .system.files import require_file
-    from .view_files import read_views
 
     file = require_file(args.scene, f'fit-images "{args.scene}"')
     define = dict(args.define)
@@ -75,12 +76,12 @@ def fit_images(args: argparse.Namespace) -> dict:
             bar.update()
             bar.set_postfix_str(f"{stage}, loss {loss:.5f}")
 
-        found = inverse.fit_images(
+        found = fit_images_module.fit_images(
             scene,
             views,
             unknowns=args.unknown,
             light_scale=args.light_scale,
-            stages=args.stages or inverse.STAGES,
+            stages=args.stages or fit_images_module.STAGES,
             max_depth=args.max_depth,
             seed=args.seed,
             callback=progress,
@@ -92,8 +93,8 @@ def fit_images(args: argparse.Namespace) -> dict:
         material.save(outputs[-1])
         print(f"{material.show()}\n{outputs[-1]}")
     if args.preview:
-        inverse_picture.draw_views(views, found.renders, Path(args.preview) / "views.png")
-        inverse_picture.draw_convergence({output.stem: found.curve}, Path(args.preview) / "convergence.png")
+        pictures.draw_views(views, found.renders, Path(args.preview) / "views.png")
+        pictures.draw_convergence({output.stem: found.curve}, Path(args.preview) / "convergence.png")
     for row in found.report["views"]:
         print(f"{row['name']} ({row['split']}): mean abs log difference {row['mean_abs_log']:.4f}")
     return {**found.report, "curve": found.curve, "outputs": [str(path) for path in outputs]}

@@ -144,8 +144,8 @@ def test_what_a_fit_to_images_moves_is_in_the_scene_and_what_it_finds_renders(ll
     """Every unknown and start is a parameter of the scene, inside its range; the start put back is the same BSDF."""
     from types import SimpleNamespace
 
-    from mi_enhance import placed, unknowns
     from mi_enhance.evaluation import scenes
+    from mi_enhance.images import scene_materials, unknowns
 
     args = SimpleNamespace(network="ggx")
     start, sought, starts, bsdf_of = images.MODELS[label](args)
@@ -156,13 +156,13 @@ def test_what_a_fit_to_images_moves_is_in_the_scene_and_what_it_finds_renders(ll
     for values in starts:
         assert all(ranges[key].low <= value.min() and value.max() <= ranges[key].high for key, value in values.items())
     params = mi.traverse(loaded)
-    values = {u.key: placed.get(params, u.key) for u in found}
-    materials = {name: one.read(params) for name, one in placed.find(params).items()}
+    values = {u.key: scene_materials.get(params, u.key) for u in found}
+    materials = {name: one.read(params) for name, one in scene_materials.find(params).items()}
     again = mi.traverse(
         scenes.load("sphere_envmap", bsdf_of(SimpleNamespace(values=values, materials=materials)), resolution=8)
     )
     for key, value in values.items():
-        np.testing.assert_allclose(placed.get(again, key), value, rtol=1e-6)
+        np.testing.assert_allclose(scene_materials.get(again, key), value, rtol=1e-6)
 
 
 def test_ratios_of_fits_to_images_are_those_of_the_means():

@@ -11,16 +11,19 @@ import numpy as np
 import pytest
 from plugin_scenes import bitmap
 
-from mi_enhance import inverse_picture, inverse_starts, photographs, placed, unknowns
 from mi_enhance.analytic.parameters import ALPHA_X, F0, N_X
 from mi_enhance.cli import main
 from mi_enhance.evaluation import scenes
-from mi_enhance.image_descent import Descent
-from mi_enhance.inverse import fit_images
+from mi_enhance.images import image_loss, scene_materials, unknowns
+from mi_enhance.images import targets as targets_module
+from mi_enhance.images.cameras import around, render_views
+from mi_enhance.images.descent import Descent
+from mi_enhance.images.fit_images import fit_images
+from mi_enhance.images.pictures import draw_convergence, draw_views
+from mi_enhance.images.starts import with_best_colours
+from mi_enhance.images.unknowns import Unknown, of_plugin
+from mi_enhance.images.view_files import write_views
 from mi_enhance.material.material import Material
-from mi_enhance.unknowns import Unknown, of_plugin
-from mi_enhance.view_files import write_views
-from mi_enhance.views import around, render_views
 
 PAINT = {"rho_d": (0.1, 0.2, 0.4), "rho_s": 1.0, "alpha_x": 0.25, "alpha_y": 0.25, "F0": 0.1}
 SHORT = {"stages": [(1, 16, 30)], "max_depth": 2}
@@ -98,8 +101,8 @@ def test_masked_and_saturated_pixels(llvm):
     image[0] = 1.0
     mask = np.ones((4, 4), bool)
     mask[3] = False
-    (target,) = photographs.targets([dataclasses.replace(view, image=image, mask=mask, ceiling=1.0)])
-    measure, relative = photographs.Measure("log", 0.5), photographs.Measure("relative", 0.5)
+    (target,) = targets_module.targets([dataclasses.replace(view, image=image, mask=mask, ceiling=1.0)])
+    measure, relative = image_loss.Measure("log", 0.5), image_loss.Measure("relative", 0.5)
     changed = image.copy()
     changed[0], changed[3] = 7.0, 100.0
     assert measure.loss(image, target) == measure.loss(changed, target) == relative.loss(changed, target) == 0
@@ -120,14 +123,14 @@ def _pull(measure, image, target):
     return np.array(dr.grad(x))
 
 
-@pytest.mark.parametrize("kind", photographs.LOSSES)
+@pytest.mark.parametrize("kind", image_loss.LOSSES)
 def test_pull_is_the_gradient_of_the_loss(llvm, kind):
     """To 5 %: that is how far the pull gives way where a pixel is explained to 40 % of its brightness and more."""
     rng = np.random.default_rng(0)
     (view,) = around(1, target=(0, 1, 0), distance=5, resolution=4)
     image = 0.5 + rng.random((4, 4, 3), np.float32)
-    (target,) = photographs.targets([dataclasses.replace(view, image=image)])
-    measure = photographs.Measure(kind, 0.1)
+    (target,) = targets_module.targets([dataclasses.replace(view, image=image)])
+    measure = image_loss.Measure(kind, 0.1)
     x = image * np.where(rng.random(image.shape) > 0.5, 2, 0.5)
     differences = np.zeros_like(image)
     for k in np.ndindex(image.shape):
@@ -139,11 +142,11 @@ def test_pull_is_the_gradient_of_the_loss(llvm, kind):
 
 def test_views_of_several_sizes_are_rendered_in_groups(paint):
     small = [dataclasses.replace(v.smaller(2), name=f"small {v.name}") for v in paint]
-    groups = photographs.targets([*paint, *small])
+    groups = targets_module.targets([*paint, *small])
     assert [len(g.views) for g in groups] == [3, 3]
     for g in groups:
         wide = np.array(g.image)
-        for view, part in zip(g.views, photographs.split(wide, g), strict=True):
+        for view, part in zip(g.views, targets_module.split(wide, g), strict=True):
             np.testing.assert_array_equal(view.image, part)
         assert float(dr.sum(g.weight, axis=None).array[0]) == pytest.approx(1, rel=1e-5)
 
@@ -170,8 +173,8 @@ def test_fit_explains_views_it_has_not_seen(paint, tmp_path):
     again = render_views(ball(material.bsdf()), paint, spp=256, max_depth=2)
     for view, render in zip(again, found.renders, strict=True):
         assert np.abs(np.log1p(view.image) - np.log1p(render)).mean() < NOISE
-    inverse_picture.draw_views(paint, found.renders, tmp_path / "views.png")
-    inverse_picture.draw_convergence({"enhanced": found.curve}, tmp_path / "convergence.png")
+    draw_views(paint, found.renders, tmp_path / "views.png")
+    draw_convergence({"enhanced": found.curve}, tmp_path / "convergence.png")
     assert {"views.png", "convergence.png", "step_0001.png"} <= {p.name for p in tmp_path.iterdir()}
 
 
@@ -230,8 +233,8 @@ def test_same_seed_same_fit(paint):
 def test_gradients_that_are_not_finite_move_nothing_and_are_counted(paint, value):
     scene = ball(Material.analytic("ggx").bsdf())
     sought = unknowns.enhanced(scene, ["rho_d", "F0"])
-    descent = Descent(scene, sought, None, photographs.Measure("log", 0.3), 2, 0)
-    target, backward = photographs.targets(paint)[0], descent._backward
+    descent = Descent(scene, sought, None, image_loss.Measure("log", 0.3), 2, 0)
+    target, backward = targets_module.targets(paint)[0], descent._backward
 
     def broken(*arguments):
         image = np.array(backward(*arguments))
@@ -250,14 +253,14 @@ def test_gradients_that_are_not_finite_move_nothing_and_are_counted(paint, value
 def test_colours_of_a_start_are_those_that_explain_the_photographs(paint):
     """With the right roughness and F0 the colours are the right ones, to the noise of 16 paths a pixel."""
     scene = ball(Material.analytic("ggx").bsdf())
-    descent = Descent(scene, unknowns.enhanced(scene), None, photographs.Measure("log", 0.3), 2, 0)
-    (one,) = placed.find(descent.params).values()
-    targets = photographs.targets(paint)
+    descent = Descent(scene, unknowns.enhanced(scene), None, image_loss.Measure("log", 0.3), 2, 0)
+    (one,) = scene_materials.find(descent.params).values()
+    targets = targets_module.targets(paint)
     errors, free = {}, {u.key for u in descent.unknowns}
     for alpha in (0.05, 0.25, 0.8):
         start = one.material.edit(**{**PAINT, "alpha_x": alpha, "alpha_y": alpha, "rho_d": 0.5, "rho_s": 0.5})
         render = lambda t: descent.render(t, 64, 0)  # noqa: E731
-        found, errors[alpha] = inverse_starts.with_best_colours(one, start, free, descent.params, targets, render, 0.3)
+        found, errors[alpha] = with_best_colours(one, start, free, descent.params, targets, render, 0.3)
         if alpha == 0.25:
             np.testing.assert_allclose(found.params["rho_d"], PAINT["rho_d"], atol=0.03)
             np.testing.assert_allclose(found.params["rho_s"], PAINT["rho_s"], atol=0.3)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from plugin_scenes import ball
 
-from mi_enhance import photographs, unknowns
+from mi_enhance.images import targets, unknowns
+from mi_enhance.images.cameras import around
+from mi_enhance.images.scene_materials import get, put
 from mi_enhance.material.material import Material
-from mi_enhance.placed import get, put
-from mi_enhance.views import around
 
 MANY = 1024  # samples per pixel
 # Both sides are noisy: a render sees its sampling change with the parameter, which `prb` leaves out, and float32
@@ -34,7 +34,7 @@ def test_all_parameters_of_ggx2_against_differences_of_renders(llvm):
         {**shipped.edit(**VALUES, latent=latent).to_dict(), "id": "m"}, integrator={"type": "prb", "max_depth": 2}
     )
     params = mi.traverse(scene)
-    (target,) = photographs.targets(around(1, target=(0, 0, 0), distance=5, fov=25, resolution=16))
+    (target,) = targets.targets(around(1, target=(0, 0, 0), distance=5, fov=25, resolution=16))
     # each pixel and channel another weight: what is opposite left and right does not cancel
     weight = mi.TensorXf(np.linspace(0.5, 1.5, 16 * 16 * 3, dtype=np.float32).reshape(16, 16, 3))
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from mi_enhance.evaluation import scenes
-from mi_enhance.view_files import FILE, read_views, write_views
-from mi_enhance.views import View, around, render_views
+from mi_enhance.images.cameras import around, render_views
+from mi_enhance.images.view_files import FILE, read_views, write_views
+from mi_enhance.images.views import View
 
 
 @pytest.fixture

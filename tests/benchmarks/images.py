@@ -28,15 +28,17 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish, folder_name
 
-from mi_enhance import inverse, inverse_picture, inverse_starts, photographs, rivals, unknowns
+from mi_enhance import rivals
 from mi_enhance.analytic import parameters
 from mi_enhance.evaluation import image_metrics, scenes
+from mi_enhance.images import fit_images, image_loss, pictures, targets, unknowns
+from mi_enhance.images.cameras import around, render_views
+from mi_enhance.images.starts import library_shapes, spread
+from mi_enhance.images.view_files import read_views, write_views
 from mi_enhance.material.material import Material
 from mi_enhance.output.table import write_table
 from mi_enhance.system.files import material_name, replacing
 from mi_enhance.timing import machine
-from mi_enhance.view_files import read_views, write_views
-from mi_enhance.views import around, render_views
 
 _ROOT = Path(__file__).resolve().parents[2]
 # What cameras look at, from how far.
@@ -77,7 +79,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="out/images", help="folder (default: %(default)s)")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    args.stages = [tuple(int(n) for n in s.split(",")) for s in args.stages or ()] or inverse.STAGES
+    args.stages = [tuple(int(n) for n in s.split(",")) for s in args.stages or ()] or fit_images.STAGES
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     folder = Path(args.output)
@@ -115,7 +117,7 @@ def material_rows(args, file: Path, folder: Path) -> list[dict]:
         rows.append(json.loads(kept.read_text()))
     curves = {label: folder / f"{name}_{folder_name(label)}_curve.json" for label in MODELS}
     curves = {label: json.loads(path.read_text()) for label, path in curves.items()}
-    inverse_picture.draw_convergence(curves, folder / f"{name}_convergence.png")
+    pictures.draw_convergence(curves, folder / f"{name}_convergence.png")
     return with_ratios(rows)
 
 
@@ -159,7 +161,7 @@ def judge(args, model, photos: list, exact: list[np.ndarray], folder: Path, name
     scene = scenes.load(args.scene, start, resolution=16, spp=1)
     settings = {"stages": args.stages, "seed": args.seed, "unknowns": sought(scene), "starts": starts}
     materials = {"ball.bsdf": Material.network(args.network)} if label == "enhanced" else None
-    found = inverse.fit_images(scene, photos, materials=materials, **settings)
+    found = fit_images.fit_images(scene, photos, materials=materials, **settings)
     bsdf = bsdf_of(found)
     row = {"fit_seconds": found.report["seconds"], "nonfinite_gradients": found.report["nonfinite_gradients"]}
     for (where, views), truth, prefix in zip(unseen(args), exact, ("", "unseen_light_"), strict=True):
@@ -170,7 +172,7 @@ def judge(args, model, photos: list, exact: list[np.ndarray], folder: Path, name
         row[f"{prefix}delta_E_ITP_1000"] = 1000 * mean(image_metrics.delta_E_ITP, pairs)
         row[f"{prefix}psnr"] = mean(image_metrics.psnr, pairs)
     stem = folder / f"{name}_{folder_name(label)}"
-    inverse_picture.draw_views(photos, found.renders, f"{stem}_views.png")
+    pictures.draw_views(photos, found.renders, f"{stem}_views.png")
     with replacing(f"{stem}_curve.json") as temporary:
         Path(temporary).write_text(json.dumps(found.curve))
     for material in found.materials.values():
@@ -250,7 +252,7 @@ MODELS = {"GGX": ggx, "principled": principled, "enhanced": enhanced}
 def round_trip(args, folder: Path) -> dict:
     """The enhanced model fitted to photographs of one of its own materials."""
     network = Material.network(args.network)
-    k = inverse_starts.spread(inverse_starts.library_shapes(network.brdf, network.library), 60)[args.seed - 2]
+    k = spread(library_shapes(network.brdf, network.library), 60)[args.seed - 2]
     row = parameters.unflatten(network.brdf.parameters, np.asarray(network.library[k], np.float64))
     # one that is no start: those are the first 48
     truth = Material(
@@ -270,9 +272,9 @@ def restarts(args) -> dict:
         around(2, target=(0, 1, 0), distance=4, resolution=16),
         spp=64,
     )
-    (target,) = photographs.targets(photos)
-    measure = photographs.Measure("log", photographs.brightness(photos))
-    descent = inverse.Descent(scene, unknowns.enhanced(scene), None, measure, 4, args.seed)
+    (target,) = targets.targets(photos)
+    measure = image_loss.Measure("log", image_loss.brightness(photos))
+    descent = fit_images.Descent(scene, unknowns.enhanced(scene), None, measure, 4, args.seed)
     rng, start = np.random.default_rng(args.seed), time.perf_counter()
     n, bad_values, bad_pixels = 0, 0, 0
     while time.perf_counter() - start < args.restarts:

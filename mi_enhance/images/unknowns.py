@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import mitsuba as mi
 import numpy as np
 
-from .analytic.parameters import Parameter
-from .placed import HELD, find, get
+from ..analytic.parameters import Parameter
+from .scene_materials import HELD, find, get
 
 # By how much of its range a sigmoid overshoots both ends: an albedo of exactly 0 or 1 can be reached, and left again.
 _OVERSHOOT = 1e-3

@@ -8,14 +8,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from . import photographs
-from .evaluation.image_metrics import psnr
-from .fitting.losses import log_l1
-from .image_descent import Descent
-from .material.colour_normalization import normalise
-from .material.material import Material
-from .placed import Placed
-from .sampling import albedo
+from ..evaluation.image_metrics import psnr
+from ..fitting.losses import log_l1
+from ..material.colour_normalization import normalise
+from ..material.material import Material
+from ..sampling import albedo
+from . import targets
+from .descent import Descent
+from .scene_materials import Placed
 from .views import View
 
 _FINAL_SPP = 128
@@ -64,8 +64,8 @@ def result(descent: Descent, placed: Mapping[str, Placed], views, settings: dict
         When the fit began, of ``time.perf_counter()``.
     """
     renders = {}
-    for target in photographs.targets(views):
-        images = photographs.split(descent.render(target, _FINAL_SPP, settings["seed"]), target)
+    for target in targets.targets(views):
+        images = targets.split(descent.render(target, _FINAL_SPP, settings["seed"]), target)
         renders |= dict(zip((v.name for v in target.views), images, strict=True))
     rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in views]
     report = {

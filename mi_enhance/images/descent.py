@@ -12,8 +12,9 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from .photographs import Measure, Target
-from .placed import get, put
+from .image_loss import Measure
+from .scene_materials import get, put
+from .targets import Target
 from .unknowns import Unknown
 
 _LARGEST = 1e15  # of a derivative: Adam's square of it must stay within float32; a path that says more is an accident

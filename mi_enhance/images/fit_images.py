@@ -9,15 +9,17 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from . import inverse_picture, inverse_starts, photographs
+from ..analytic.parameters import Parameter
+from ..material.colour_normalization import plain
+from ..material.material import Material
+from ..system.variants import require_rgb
+from . import image_loss, pictures
+from . import targets as targets_module
 from . import unknowns as unknown_parameters
-from .analytic.parameters import Parameter
-from .image_descent import Descent
-from .image_fit import RECENT, ImageFit, result
-from .material.colour_normalization import plain
-from .material.material import Material
-from .placed import Placed, find
-from .system.variants import require_rgb
+from .descent import Descent
+from .result import RECENT, ImageFit, result
+from .scene_materials import Placed, find
+from .starts import candidates, with_best_colours
 from .unknowns import Unknown
 from .views import View
 
@@ -63,14 +65,14 @@ def fit_images(
         By id of the BSDF (what its keys in ``mi.traverse(scene)`` begin with, where it has none), what the scene was
         loaded with; needed only for the library of starts of a network that came from memory.
     unknowns : sequence of str or Unknown, optional
-        Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.unknowns`. All but the
+        Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.images.unknowns`. All but the
         tilt of the normal if left out.
     starts : sequence of dict, optional
         More starts: values by key of ``mi.traverse(scene)``.
     light_scale : bool
         Whether the brightness of all light is sought, too, as one factor.
     loss : {"log", "relative"}
-        See :class:`mi_enhance.photographs.Measure`.
+        See :class:`mi_enhance.images.image_loss.Measure`.
     stages : sequence of (int, int, int)
         For each: 1 / size of the images, samples per pixel, iterations.
     lr : float
@@ -109,10 +111,10 @@ def fit_images(
     start = time.perf_counter()
     require_rgb("fit_images()")
     train = _checked(views, stages, lr, max_depth)
-    scale = photographs.brightness(train)
-    if loss not in photographs.LOSSES:
-        raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(photographs.LOSSES)}.')
-    measure = photographs.Measure(loss, scale)
+    scale = image_loss.brightness(train)
+    if loss not in image_loss.LOSSES:
+        raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(image_loss.LOSSES)}.')
+    measure = image_loss.Measure(loss, scale)
     sought = _unknowns(scene, unknowns)
     placed = find(mi.traverse(scene), materials)
     light = Unknown("light_scale", LIGHT) if light_scale else None
@@ -126,9 +128,9 @@ def fit_images(
             step, value = descent.curve[-1]["step"], descent.curve[-1]["loss"]
             callback(stage, step, value)
             if folder and (step - 1) % PREVIEW == 0:
-                inverse_picture.preview(target, image, folder / f"step_{step:04d}.png")
+                pictures.preview(target, image, folder / f"step_{step:04d}.png")
 
-    targets = photographs.targets(train, stages[0][0])
+    targets = targets_module.targets(train, stages[0][0])
     ways = _starts(descent, placed, train, scale, starts, seed)
     ends = []
     for k, way in enumerate(ways if len(ways) > 1 else ()):
@@ -139,7 +141,7 @@ def fit_images(
     descent.put(min(ends, key=lambda end: end[0])[1] if ends else ways[0])
     rates = _rates(lr, sum(steps for *_, steps in stages))
     for k, (factor, spp, steps) in enumerate(stages):
-        targets = targets if k == 0 else photographs.targets(train, factor)
+        targets = targets if k == 0 else targets_module.targets(train, factor)
         own, rates = rates[:steps], rates[steps:]
         go(f"stage {k + 1} of {len(stages)}", targets, spp, own, round(_LATE * steps) if k == 0 else 0)
     descent.settle()
@@ -183,19 +185,19 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
 def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float, given, seed: int) -> list[dict]:
     """Values to start from, the most promising first; several only where there is a single material."""
     side = np.sqrt(np.mean([v.mask.sum() for v in train]))  # of what counts: the object may be small in the picture
-    targets = photographs.targets(train, max(1, round(side / _START_SIZE)))
+    targets = targets_module.targets(train, max(1, round(side / _START_SIZE)))
     render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
     if descent.light:
         # before any colour: a bright one under a dark light is a minimum, too
-        descent.put({"light_scale": np.array([photographs.ratio(targets, [render(t) for t in targets])])})
+        descent.put({"light_scale": np.array([image_loss.ratio(targets, [render(t) for t in targets])])})
     free = {u.key for u in descent.unknowns}
     first, ways = dict(descent.values()), []
     for one in placed.values():
         # with some parameters known or textured, the others start as they are
         all_free = free.issuperset(one.keys[name] for name in one.moving())
         ranked = []
-        for material in inverse_starts.candidates(one) if all_free else [one.read(descent.params)]:
-            found, error = inverse_starts.with_best_colours(
+        for material in candidates(one) if all_free else [one.read(descent.params)]:
+            found, error = with_best_colours(
                 one, plain(material) if all_free else material, free, descent.params, targets, render, scale
             )
             ranked.append((error, one.assignment(found)))

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .material.material import Material
+from ..material.material import Material
 
 # They turn the normal, and with it the horizon: `prb` does not follow edges that move.
 HELD = ("n_x", "n_y")

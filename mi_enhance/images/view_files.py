@@ -10,8 +10,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .output.srgb import encode_srgb
-from .system.files import read_json, replacing, require_file
+from ..output.srgb import encode_srgb
+from ..system.files import read_json, replacing, require_file
 from .views import View
 
 FILE = "transforms.json"

@@ -8,10 +8,10 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .output.figure import sheet
-from .output.srgb import encode_srgb
-from .photographs import Target
-from .system.files import replacing
+from ..output.figure import sheet
+from ..output.srgb import encode_srgb
+from ..system.files import replacing
+from .targets import Target
 from .views import View
 
 _SHOWN = 6  # views in a picture

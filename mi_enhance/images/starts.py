@@ -8,12 +8,12 @@ from collections.abc import Callable, Collection, Sequence
 import mitsuba as mi
 import numpy as np
 
-from .analytic import parameter_space, parameters
-from .analytic.parameters import FRAME, Parameter
-from .material.material import Material
-from .neural.inputs import COLOURLESS
-from .photographs import Target
-from .placed import Placed, put
+from ..analytic import parameter_space, parameters
+from ..analytic.parameters import FRAME, Parameter
+from ..material.material import Material
+from ..neural.inputs import COLOURLESS
+from .scene_materials import Placed, put
+from .targets import Target
 
 _LIBRARY = 48  # training materials that are tried, as different from one another as can be
 _SWEEPS = 4  # reweighted least squares towards the L1 solution
