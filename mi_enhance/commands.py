@@ -315,8 +315,9 @@ def compare(args: argparse.Namespace) -> dict:
 
 def bench(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
+    from .benchmark.benchmark import COLUMNS, bench
+    from .benchmark.growth import GROWTH_COLUMNS
     from .output.table import print_table
-    from .report import COLUMNS, GROWTH_COLUMNS, bench
     from .system.bundled_files import demo_data
 
     result = bench(

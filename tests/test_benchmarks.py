@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mi_enhance import Material, data
-from mi_enhance import rivals as models_of_others
+from mi_enhance.benchmark import nbrdf as models_of_others
 from mi_enhance.data import directions, nbrdf, reference_brdfs, rgl
 from mi_enhance.fitting.losses import log_l1
 

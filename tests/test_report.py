@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from mi_enhance.bsdfs.function import of_function
 
-from mi_enhance import Material, data, rivals
+from mi_enhance import Material, data
+from mi_enhance.benchmark import mitsuba_bsdfs, residual_network
+from mi_enhance.benchmark.nbrdf import nbrdf_function
 from mi_enhance.data import nbrdf
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.evaluation import scenes
@@ -32,7 +34,7 @@ def test_nbrdf_in_drjit_is_the_reader_s(llvm):
     names, networks = nbrdf.read_networks(ROOT / "data/nbrdf/merl.npz")
     network = {k: w[names.index("gold-metallic-paint")] for k, w in networks.items()}
     wi, wo = sample_pairs(2000, seed=1)
-    ours = reflectance(of_function(rivals.nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)
+    ours = reflectance(of_function(nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)
     np.testing.assert_allclose(ours, nbrdf.decode(network, wi, wo), rtol=2e-3, atol=1e-4)
 
 
@@ -40,8 +42,8 @@ def test_a_residual_network_is_better_than_what_it_is_added_to(llvm):
     m = data.load(FILE, n_samples=6000)
     unseen = data.load(FILE, n_samples=3000, seed=1)
     lobe = me.fit(Material.analytic("ggx"), m)
-    layers, _ = rivals.train_residual(lobe, m)
-    both = reflectance(of_function(rivals.residual_function(lobe, layers), lobe), unseen.wi, unseen.wo)
+    layers, _ = residual_network.train_residual(lobe, m)
+    both = reflectance(of_function(residual_network.residual_function(lobe, layers), lobe), unseen.wi, unseen.wo)
     alone = reflectance(lobe.bsdf(), unseen.wi, unseen.wo)
     errors = [log_l1(f, unseen.f, unseen.wo[:, 2]) for f in (both, alone)]
     assert (both >= 0).all() and errors[0] < 0.8 * errors[1]
@@ -50,7 +52,7 @@ def test_a_residual_network_is_better_than_what_it_is_added_to(llvm):
 def test_a_bsdf_of_mitsuba_is_found_again(llvm):
     truth = {"type": "roughconductor", "distribution": "ggx", "material": "none", "alpha": 0.23}
     truth["specular_reflectance"] = {"type": "rgb", "value": [0.7, 0.4, 0.2]}
-    spec, _ = rivals.fit_mitsuba(
+    spec, _ = mitsuba_bsdfs.fit_mitsuba(
         "roughconductor", measurements(lambda wi, wo: reflectance(mi.load_dict(truth), wi, wo))
     )
     assert spec["alpha"] == pytest.approx(0.23, abs=2e-3)
@@ -60,8 +62,8 @@ def test_a_bsdf_of_mitsuba_is_found_again(llvm):
 def test_principled_fits_paint_better_than_a_conductor(llvm):
     m = data.load(FILE, n_samples=4000)
     errors = {}
-    for plugin in rivals.MITSUBA:
-        spec, _ = rivals.fit_mitsuba(plugin, m)
+    for plugin in mitsuba_bsdfs.MITSUBA:
+        spec, _ = mitsuba_bsdfs.fit_mitsuba(plugin, m)
         errors[plugin] = log_l1(reflectance(mi.load_dict(spec), m.wi, m.wo), m.f, m.wo[:, 2])
     assert errors["principled"] < 0.5 * errors["roughconductor"]
 
@@ -89,7 +91,7 @@ def test_specialised_of_a_given_size(llvm):
 
 
 def test_settings_of_another_run_are_refused(llvm, tmp_path):
-    from mi_enhance.report import bench
+    from mi_enhance.benchmark.benchmark import bench
 
     (tmp_path / "settings.json").write_text('{"samples": 7, "seed": 0}')
     with pytest.raises(ValueError, match="other settings"):
@@ -109,8 +111,9 @@ def rows():
 
 
 def test_plot_and_page(tmp_path):
-    from mi_enhance.report import COLUMNS, GROWTH_COLUMNS
-    from mi_enhance.report_page import draw_pareto, write_page
+    from mi_enhance.benchmark.benchmark import COLUMNS
+    from mi_enhance.benchmark.growth import GROWTH_COLUMNS
+    from mi_enhance.benchmark.page import draw_pareto, write_page
 
     draw_pareto(list(rows()), tmp_path / "pareto.png", title="x")
     result = {"machine": {"cpu": "c"}, "materials": ["felt"], "rows": list(rows()), "growth": []}

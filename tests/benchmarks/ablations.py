@@ -22,6 +22,7 @@ from common import finish, folder_name
 from residual_model import LARGE, SMALL, with_residual
 
 from mi_enhance import data, models
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.fitting.fit import fit
 from mi_enhance.hypercube import candidate, judging, setup
 from mi_enhance.hypercube.search import search
@@ -30,7 +31,6 @@ from mi_enhance.material.material import Material
 from mi_enhance.output.figure import sheet
 from mi_enhance.output.table import write_table
 from mi_enhance.system.files import replacing
-from mi_enhance.timing import machine
 from mi_enhance.training.analytic_start import analytic_start, representative, validate
 from mi_enhance.training.sources import sources_of
 from mi_enhance.training.trainer import Trainer

@@ -32,11 +32,11 @@ import tabulated
 from common import averaged, finish
 
 from mi_enhance import data
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.evaluation import comparison_picture, image_metrics, scenes
 from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name, replacing
-from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _MAX_ANGLE = 80  # degrees

@@ -17,11 +17,11 @@ import numpy as np
 from common import finish, shipped
 
 from mi_enhance import data, fit
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
 from mi_enhance.sampling.mixture_fit import mixture
 from mi_enhance.system.files import material_name
-from mi_enhance.timing import machine
 
 _DEGREES = (0, 30, 60, 75, 85, 89)
 _AZIMUTH = 0.7  # tilted normals lean this way: no view is below their horizon

@@ -19,8 +19,8 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish
 
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.neural import cooperative
-from mi_enhance.timing import machine
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # the tests: cases and twin
 

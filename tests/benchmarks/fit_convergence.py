@@ -22,11 +22,11 @@ from scipy.optimize import minimize
 
 from mi_enhance import Material, data, fit
 from mi_enhance.analytic import parameters
+from mi_enhance.benchmark.timing import clock, machine
 from mi_enhance.fitting.analytic_fit import objective
 from mi_enhance.fitting.rmsprop import descend
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 from mi_enhance.output.figure import sheet
-from mi_enhance.timing import clock, machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _OPTIMISERS = {

@@ -20,7 +20,7 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import mitsuba as mi  # isort: skip
 from common import finish
 
-from mi_enhance.timing import clock, machine
+from mi_enhance.benchmark.timing import clock, machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _COLUMNS = {

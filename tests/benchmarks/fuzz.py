@@ -18,7 +18,7 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish
 
-from mi_enhance.timing import machine, peak_megabytes
+from mi_enhance.benchmark.timing import machine, peak_megabytes
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # the tests: readers and damage
 

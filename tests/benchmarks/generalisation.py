@@ -26,12 +26,12 @@ from accuracy import errors
 from common import finish
 
 from mi_enhance import data
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.data import rgl, synthetic
 from mi_enhance.data.directions import rusinkiewicz_to_directions
 from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name
-from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _KINDS = (synthetic.ward_anisotropic, synthetic.beckmann_mixture)

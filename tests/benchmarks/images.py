@@ -28,8 +28,9 @@ import mitsuba as mi  # isort: skip
 import numpy as np
 from common import finish, folder_name
 
-from mi_enhance import rivals
 from mi_enhance.analytic import parameters
+from mi_enhance.benchmark import mitsuba_bsdfs
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.evaluation import image_metrics, scenes
 from mi_enhance.images import fit_images, image_loss, pictures, targets, unknowns
 from mi_enhance.images.cameras import around, render_views
@@ -38,7 +39,6 @@ from mi_enhance.images.view_files import read_views, write_views
 from mi_enhance.material.material import Material
 from mi_enhance.output.table import write_table
 from mi_enhance.system.files import material_name, replacing
-from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 # What cameras look at, from how far.
@@ -222,7 +222,7 @@ def enhanced(args) -> tuple:
 
 def principled(args) -> tuple:
     """Every parameter that ``mi-enhance bench`` fits, too; roughness as its logarithm, starts in all corners."""
-    ranges = rivals.MITSUBA["principled"]
+    ranges = mitsuba_bsdfs.MITSUBA["principled"]
     keys = {name: name if name == "specular" else f"{name}.value" for name in ranges}
 
     def bsdf(values: dict) -> dict:

@@ -17,9 +17,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import mitsuba as mi  # isort: skip
 from common import finish, folder_name
 
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.output.figure import sheet
 from mi_enhance.output.table import write_table
-from mi_enhance.timing import machine
 from mi_enhance.training.train import train
 
 _MERL = {"kind": "nps", "path": "data/nps/merl.npz"}  # from the root of the repository, as the shipped settings have it

@@ -1,4 +1,4 @@
-"""NBRDF as :func:`mi_enhance.rivals.train_nbrdf` trains it against the authors' networks.
+"""NBRDF as :func:`mi_enhance.benchmark.nbrdf.train_nbrdf` trains it against the authors' networks.
 
 On stand-ins for MERL materials, both judged by the same unseen samples.
 """
@@ -9,9 +9,9 @@ import argparse
 from pathlib import Path
 
 from mi_enhance import data
+from mi_enhance.benchmark.nbrdf import train_nbrdf
 from mi_enhance.data import nbrdf
 from mi_enhance.fitting.losses import log_l1
-from mi_enhance.rivals import train_nbrdf
 
 _ROOT = Path(__file__).resolve().parents[2]
 _COLUMNS = {
@@ -27,7 +27,7 @@ def main() -> None:
     """Run the check of the command line."""
     from common import finish
 
-    from mi_enhance.timing import machine
+    from mi_enhance.benchmark.timing import machine
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("materials", nargs="*", default=["gold-metallic-paint", "blue-acrylic", "red-phenolic"])

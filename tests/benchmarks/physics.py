@@ -22,11 +22,11 @@ from common import averaged, finish, shipped
 
 from mi_enhance import data, fit
 from mi_enhance.analytic import parameters
+from mi_enhance.benchmark.timing import clock, interleaved, machine, spread
 from mi_enhance.evaluation.check import albedo
 from mi_enhance.material.material import Material
 from mi_enhance.output.figure import sheet
 from mi_enhance.system.files import replacing
-from mi_enhance.timing import clock, interleaved, machine, spread
 
 _COLUMNS = {
     "material": ("material", ""),

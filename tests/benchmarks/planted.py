@@ -17,13 +17,13 @@ import numpy as np
 from common import finish, folder_name
 
 from mi_enhance import models
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements
 from mi_enhance.hypercube.search import search
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.output.table import write_table
-from mi_enhance.timing import machine
 
 _GRAPH = models.ggx().graph
 

@@ -21,7 +21,7 @@ import mitsuba as mi
 import numpy as np
 
 from mi_enhance import Material, fit, models
-from mi_enhance import rivals as models_of_others
+from mi_enhance.benchmark import nbrdf as models_of_others
 from mi_enhance.data import nbrdf, nps
 from mi_enhance.data.measurements import Measurements
 from mi_enhance.neural import trainable

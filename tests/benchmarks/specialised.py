@@ -17,10 +17,10 @@ import mitsuba as mi  # isort: skip
 from common import finish
 
 from mi_enhance import Material, data, fit, specialize
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.evaluation.reflectance import reflectance
 from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import write_table
-from mi_enhance.timing import machine
 
 _ROOT = Path(__file__).resolve().parents[2]
 _MATERIALS = ("gold-metallic-paint", "blue-metallic-paint", "red-fabric", "pink-plastic", "nickel", "alum-bronze")

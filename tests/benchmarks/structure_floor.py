@@ -27,7 +27,7 @@ from common import finish
 from scipy.optimize import minimize
 
 from mi_enhance import Material, data, fit
-from mi_enhance.timing import machine
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.training.sources import HELD_OUT_EVERY
 
 _ROOT = Path(__file__).resolve().parents[2]

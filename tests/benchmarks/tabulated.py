@@ -99,8 +99,8 @@ def main() -> None:
     from common import finish
     from rivals import evaluate
 
+    from mi_enhance.benchmark.timing import machine
     from mi_enhance.evaluation import image_metrics, scenes
-    from mi_enhance.timing import machine
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--alpha", type=float, nargs="+", default=[0.05, 0.15, 0.4])

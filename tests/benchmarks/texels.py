@@ -16,6 +16,7 @@ import numpy as np
 from common import finish
 
 from mi_enhance import Material
+from mi_enhance.benchmark.timing import machine
 from mi_enhance.data import directions, rgl
 from mi_enhance.data.measurements import clamp_negative
 from mi_enhance.evaluation import image_metrics, scenes
@@ -23,7 +24,6 @@ from mi_enhance.evaluation.comparison_picture import draw
 from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
 from mi_enhance.output import srgb
 from mi_enhance.output.figure import sheet
-from mi_enhance.timing import machine
 
 _RGL = Path(__file__).resolve().parents[2] / "data/rgl"
 _FILES = [str(_RGL / f"{name}_rgb.bsdf") for name in ("satin_rosaline", "ilm_solo_m_68", "cc_ibiza_sunset")]

@@ -24,9 +24,9 @@ from common import finish
 from torch_model import TorchModel, import_torch
 
 from mi_enhance.analytic import parameter_space
+from mi_enhance.benchmark.timing import interleaved, machine, spread
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.neural.enhance import enhance
-from mi_enhance.timing import interleaved, machine, spread
 from mi_enhance.training.settings import DEFAULTS
 from mi_enhance.training.trainer import Trainer
 from mi_enhance.training.training_set import TrainingSet

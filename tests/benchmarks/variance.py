@@ -20,10 +20,10 @@ import numpy as np
 from common import finish
 
 from mi_enhance import data, fit
+from mi_enhance.benchmark.timing import clock, machine
 from mi_enhance.material.material import Material
 from mi_enhance.sampling.lobe_mixture import NODES, Mixture
 from mi_enhance.system.files import replacing
-from mi_enhance.timing import clock, machine
 
 _ANGLES, _SAMPLES = (0, 15, 30, 45, 60, 70, 80), 1 << 18
 _WAYS = ("cosine", "lobes", "mixture", "measured")

@@ -6,9 +6,9 @@ import base64
 import html
 from pathlib import Path
 
-from .output.figure import sheet
-from .output.table import cells
-from .system.files import replacing
+from ..output.figure import sheet
+from ..output.table import cells
+from ..system.files import replacing
 
 _ROUNDING = 1e-4  # below this an error is float32: the measured file held against itself
 _STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:100em;padding:0 1em;color:#222}
@@ -22,7 +22,7 @@ def draw_pareto(rows: list[dict], path: str | Path, *, title: str) -> None:
     Parameters
     ----------
     rows : list of dict
-        Of :func:`mi_enhance.report.bench`: ``label``, ``log_l1``, ``eval_ns``, ``ball_ratio``.
+        Of :func:`mi_enhance.benchmark.benchmark.bench`: ``label``, ``log_l1``, ``eval_ns``, ``ball_ratio``.
     path : str or Path
         PNG.
     title : str
@@ -69,7 +69,7 @@ def write_page(result: dict, path: str | Path, columns: dict, growth_columns: di
     Parameters
     ----------
     result : dict
-        Of :func:`mi_enhance.report.bench`, whose folder is that of `path`.
+        Of :func:`mi_enhance.benchmark.benchmark.bench`, whose folder is that of `path`.
     path : str or Path
     columns, growth_columns : dict
         As for :func:`mi_enhance.output.table.markdown`.

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import mitsuba as mi
 import numpy as np
 
-from . import rivals
-from .data.measurements import Measurements
-from .fitting.fit import fit
-from .material.material import Material
-from .specialization.specialize import SIZES, specialize
-from .system.files import replacing
+from ..data.measurements import Measurements
+from ..fitting.fit import fit
+from ..material.material import Material
+from ..specialization.specialize import SIZES, specialize
+from ..system.files import replacing
+from . import mitsuba_bsdfs, nbrdf, residual_network
 
 REFERENCE = "GGX in Python"
 EXACT = "enhanced, exact"
@@ -88,7 +88,7 @@ def contenders(
     exact = ours("ggx2", lambda: fit(Material.network(), measurements, seed=seed))
     m = Material.load(exact)
     result = {REFERENCE: _ours(ggx)}
-    for plugin in rivals.MITSUBA:
+    for plugin in mitsuba_bsdfs.MITSUBA:
         result[plugin] = _mitsuba(
             plugin, kept(plugin, "json", lambda path, p=plugin: _fit_mitsuba(path, p, measurements, seed))
         )
@@ -144,18 +144,18 @@ def _load(spec: dict) -> mi.BSDF:
 
 
 def _load_nbrdf(spec: dict) -> mi.BSDF:
-    from .bsdfs.function import of_function
+    from ..bsdfs.function import of_function
 
     with np.load(spec["network"], allow_pickle=False) as stored:
-        f = rivals.nbrdf_function({k: stored[k] for k in stored if k[0] in "Wb"}, float(stored["highest"]))
+        f = nbrdf.nbrdf_function({k: stored[k] for k in stored if k[0] in "Wb"}, float(stored["highest"]))
     return of_function(f, Material.load(spec["lobe"]))
 
 
 def _load_residual(spec: dict) -> mi.BSDF:
-    from .bsdfs.function import of_function
+    from ..bsdfs.function import of_function
 
     lobe = Material.load(spec["lobe"])
-    return of_function(rivals.residual_function(lobe, _layers(spec["network"])), lobe)
+    return of_function(residual_network.residual_function(lobe, _layers(spec["network"])), lobe)
 
 
 def _layers(file: str) -> list:
@@ -179,18 +179,18 @@ def _ours(file: Path, *, evaluators: str | None = None) -> Contender:
 
 
 def _fit_mitsuba(path: Path, plugin: str, measurements: Measurements, seed: int) -> None:
-    spec, seconds = rivals.fit_mitsuba(plugin, measurements, seed=seed)
+    spec, seconds = mitsuba_bsdfs.fit_mitsuba(plugin, measurements, seed=seed)
     path.write_text(json.dumps({"spec": spec, "seconds": seconds}, indent=1))
 
 
 def _mitsuba(plugin: str, file: Path) -> Contender:
     stored = json.loads(file.read_text())
-    n = sum(n for *_, n in rivals.MITSUBA[plugin].values())
+    n = sum(n for *_, n in mitsuba_bsdfs.MITSUBA[plugin].values())
     return Contender(_load, stored["spec"], 4 * n, 0, 0, stored["seconds"])
 
 
 def _train_nbrdf(path: Path, measurements: Measurements, seed: int) -> None:
-    network, seconds = rivals.train_nbrdf(measurements, seed=seed)
+    network, seconds = nbrdf.train_nbrdf(measurements, seed=seed)
     np.savez(path, **network, seconds=seconds, highest=measurements.f.max())
 
 
@@ -203,7 +203,7 @@ def _nbrdf(file: Path, lobe: Path) -> Contender:
 
 
 def _train_residual(path: Path, lobe: Material, measurements: Measurements, seed: int) -> None:
-    layers, seconds = rivals.train_residual(lobe, measurements, seed=seed)
+    layers, seconds = residual_network.train_residual(lobe, measurements, seed=seed)
     arrays = {f"{letter}{k}": v for k, layer in enumerate(layers) for letter, v in zip("Wb", layer, strict=True)}
     np.savez(path, **arrays, seconds=seconds + lobe.report["seconds"])
 

@@ -10,26 +10,24 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import data, timing
-from .contenders import EXACT, REFERENCE, Contender, contenders, edited, textured
-from .data.directions import sample_pairs
-from .evaluation import scenes
-from .evaluation.compare import compare
-from .evaluation.reflectance import reflectance
-from .fitting.losses import log_l1
-from .output.table import write_table
-from .system.files import material_name, replacing, require_file
-from .workers import Workers, first_frames
+from .. import data
+from ..evaluation import scenes
+from ..evaluation.compare import compare
+from ..evaluation.reflectance import reflectance
+from ..fitting.losses import log_l1
+from ..output.table import write_table
+from ..system.files import material_name, replacing, require_file
+from . import timing
+from .contenders import REFERENCE, Contender, contenders, textured
+from .growth import GROWTH_COLUMNS, _growth
+from .jobs import LANES, MANY, frame, kernel, many, sphere
+from .processes import Workers, first_frames
 
-LANES = 1 << 20  # of the kernel that evaluates a BSDF alone
-MANY = 20  # materials in the scene of many
 _UNSEEN = 50_000  # pairs that errors are measured on
 _SAMPLER = {"ball": "multijitter"}  # of the scenes: `independent` unless named
-_GROWING = (REFERENCE, EXACT, "specialised, max error 0.001")
 COLUMNS = {
     "label": ("model", ""),
     "log_l1": ("log-L1", ".4f"),
@@ -51,13 +49,6 @@ COLUMNS = {
     "shared_bytes": ("shared bytes", ",d"),
     "multiply_adds": ("multiply-adds", ",d"),
     "fit_seconds": ("fit s", ".1f"),
-}
-GROWTH_COLUMNS = {
-    "what": ("what grows", ""),
-    "value": ("to", "d"),
-    **{label: (f"{label}, ms", ".0f") for label in _GROWING},
-    "ratio": ("exact to GGX", ".2f"),
-    "ratio_fast": ("specialised to GGX", ".2f"),
 }
 
 
@@ -188,51 +179,6 @@ def _add_kernels(rows: Mapping[str, dict], workers: Workers, fitted: Mapping[str
             row["gflops"] = 2 * row["multiply_adds"] / ns
 
 
-def kernel(contender: Contender) -> Callable:
-    """A job that evaluates a BSDF for 2^20 pairs of directions in one kernel, through pointers as a renderer does."""
-    bsdf = contender.bsdf()
-    wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(LANES, seed=0))
-    context = mi.BSDFContext()
-    # One of the pointers is to another BSDF: a single instance would be called without any dispatch, and baked weights
-    # outside of a call take LLVM minutes.
-    other = mi.load_dict({"type": "diffuse"})
-    pointers = dr.select(dr.arange(mi.UInt32, LANES) < LANES - 1, mi.BSDFPtr(bsdf), mi.BSDFPtr(other))
-    dr.eval(wi, wo, pointers)
-
-    def job(keep=(bsdf, other)):  # pointers do not own what they point to
-        si = dr.zeros(mi.SurfaceInteraction3f, LANES)
-        si.wi = wi
-        dr.eval(pointers.eval(context, si, wo, mi.Mask(True)))
-        dr.sync_thread()
-
-    return job
-
-
-def frame(load: Callable, *args, frozen: bool = False, **kwargs) -> Callable:
-    """A job that renders a frame of the scene that `load` gives; `args` are contenders, one or a list.
-
-    A list is repeated to `MANY`: as many spheres stand in the picture however many materials there are. With `frozen`
-    no frame after the second is traced again (``dr.freeze``).
-    """
-    bsdfs = []
-    for a in args:
-        made = [c.bsdf() for c in (a if isinstance(a, list) else [a])]
-        bsdfs.append([made[k % len(made)] for k in range(MANY)] if isinstance(a, list) else made[0])
-    loaded = load(*bsdfs, **kwargs)
-    render = dr.freeze(mi.render) if frozen else mi.render
-    return lambda: np.array(render(loaded))  # the copy waits for the kernels
-
-
-def sphere(bsdf: mi.BSDF, **size) -> mi.Scene:
-    """The small scene, for what grows."""
-    return scenes.load("sphere_envmap", bsdf, **size)
-
-
-def many(fitted: Sequence[Mapping[str, Contender]], label: str, n: int) -> list[Contender]:
-    """`n` different materials of one model: the fitted ones in turn, their colours changed."""
-    return [edited(fitted[k % len(fitted)][label], k) for k in range(n)]
-
-
 def _scenes(fitted: Sequence[Mapping[str, Contender]]):
     """The three scenes: name, function that loads it, and what it takes, for every model it can be rendered with."""
     first = fitted[0]
@@ -252,41 +198,11 @@ def _add_rates(rows, workers: Workers, kind: str, load: Callable, given: Mapping
         rows[label][f"{kind}_ratio"] = seconds[REFERENCE] / s
 
 
-def _growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolution: int, rounds: int) -> list[dict]:
-    """Milliseconds of a frame as image, depth and number of materials grow."""
-    rows = []
-
-    def add(what: str, value: int, seconds: Mapping[str, float]) -> None:
-        exact, fast = (seconds[REFERENCE] / seconds[label] for label in _GROWING[1:])
-        ms = {label: 1e3 * s for label, s in seconds.items()}
-        rows.append({"what": what, "value": value, **ms, "ratio": exact, "ratio_fast": fast})
-
-    def measure(what: str, value: int, load: Callable, given: Callable, **size) -> None:
-        jobs = {label: (frame, load, given(label)) for label in _GROWING}
-        add(what, value, workers.seconds(jobs, rounds, spp=16, **size))
-
-    one = fitted[0].get
-    for n in (resolution // 2, resolution, 2 * resolution):
-        measure("pixels on a side", n, sphere, one, resolution=n)
-    for n in (2, 4, 8, 16):
-        measure("depth", n, sphere, one, resolution=resolution, max_depth=n)
-    for frozen in (False, True):
-        for n in (1, 5, MANY):
-            given = lambda label, n=n: many(fitted, label, n)  # noqa: E731
-            what = "materials, dr.freeze" if frozen else "materials"
-            measure(what, n, scenes.spheres, given, resolution=resolution, frozen=frozen)
-    for n in (1, MANY):
-        jobs = {label: (frame, scenes.spheres, many(fitted, label, n)) for label in _GROWING}
-        cold = {label: first_frames(job, resolution=resolution, spp=1)["cold"] for label, job in jobs.items()}
-        add("materials, first frame", n, cold)
-    return rows
-
-
 # ---------------------------------------------------------------------- results
 
 
 def _write(out_dir: Path, about: dict, names: list[str], rows: list[dict], growth: list[dict]) -> dict:
-    from .report_page import draw_pareto, write_page
+    from .page import draw_pareto, write_page
 
     reference = next(row["log_l1"] for row in rows if row["label"] == REFERENCE)
     for row in rows:
