@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance.cli import main
+from mi_enhance.cli.main import main
 from mi_enhance.evaluation.check import check
 from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material

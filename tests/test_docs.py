@@ -52,7 +52,7 @@ def test_readme_xml_loads(llvm, tmp_path, monkeypatch):
 
 
 def test_readme_commands_are_those_of_the_program(llvm):
-    from mi_enhance.cli import parser
+    from mi_enhance.cli.main import parser
 
     commands = re.findall(r"^mi-enhance (.*)$", "\n".join(blocks("sh")), re.MULTILINE)
     assert len(commands) >= 5

@@ -12,7 +12,7 @@ import pytest
 from plugin_scenes import bitmap
 
 from mi_enhance.analytic.parameters import ALPHA_X, F0, N_X
-from mi_enhance.cli import main
+from mi_enhance.cli.main import main
 from mi_enhance.evaluation import scenes
 from mi_enhance.images import image_loss, scene_materials, unknowns
 from mi_enhance.images import targets as targets_module

@@ -20,9 +20,10 @@ import twin
 from plugin_scenes import ball, render_attached
 from test_models import USUAL, given, materials
 
-from mi_enhance import cli, data, enhance, models
+from mi_enhance import data, enhance, models
 from mi_enhance.analytic import geometry, parameters
 from mi_enhance.analytic.text_model import toml_model
+from mi_enhance.cli import main
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fitting.fit import fit
 from mi_enhance.material.colour_normalization import normalise
@@ -218,7 +219,7 @@ def test_command_line_takes_a_file(llvm, tmp_path, capsys):
     truth = Material.analytic(str(FILE)).edit(rho_d=(0.1, 0.2, 0.3), n_u=30, n_v=60)
     data.save_table(data.Measurements(wi, wo, truth.evaluate(wi, wo)), tmp_path / "m.csv")
     out = tmp_path / "m.bsdf"
-    assert cli.main(["fit", str(tmp_path / "m.csv"), "-m", str(FILE), "-o", str(out), "--json"]) == 0
+    assert main.main(["fit", str(tmp_path / "m.csv"), "-m", str(FILE), "-o", str(out), "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert report["log_l1"] < 0.01 and report["model"] == "M * B + S * D * F * 1/E"
     assert Material.load(out).brdf.model.text == TEXT

@@ -67,7 +67,7 @@ def test_rendering_a_material_loads_nothing_for_plots_metrics_or_progress(run_ch
     child = run_child("""
 import sys
 import mi_enhance
-from mi_enhance.doctor import try_variant
+from mi_enhance.cli.doctor import try_variant
 try_variant("llvm_ad_rgb", "enhanced")
 heavy = {"matplotlib", "skimage", "colour", "rich", "tqdm", "OpenEXR", "scipy"}
 print(sorted(heavy & {name.partition(".")[0] for name in sys.modules}))

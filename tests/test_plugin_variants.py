@@ -92,7 +92,7 @@ def test_worker_processes_render(run_child):
         """
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from mi_enhance.doctor import try_variant
+from mi_enhance.cli.doctor import try_variant
 if __name__ == "__main__":
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         jobs = [pool.submit(try_variant, v, "enhanced") for v in ("llvm_ad_rgb", "llvm_ad_mono")]

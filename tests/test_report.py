@@ -124,7 +124,7 @@ def test_plot_and_page(tmp_path):
 
 @pytest.mark.slow
 def test_bench(llvm, tmp_path):
-    from mi_enhance.cli import main
+    from mi_enhance.cli.main import main
 
     assert main(["bench", str(FILE), "-o", str(tmp_path), "--samples", "2000", "--resolution", "32", "--spp", "4"]) == 0
     result = json.loads((tmp_path / "bench.json").read_text())

@@ -288,7 +288,7 @@ def test_a_stage_of_diverged_candidates_is_an_error(llvm, tmp_path, monkeypatch)
 
 
 def test_the_command_line_reads_patterns_and_lists(llvm, tmp_path, capsys):
-    from mi_enhance.cli import main
+    from mi_enhance.cli.main import main
 
     for k, m in enumerate(materials(2)):
         data.save_table(m, tmp_path / f"{k}.npz")

@@ -12,7 +12,7 @@ import pytest
 from plugin_scenes import close, directions, evaluate
 
 from mi_enhance import data
-from mi_enhance.cli import main
+from mi_enhance.cli.main import main
 from mi_enhance.data import synthetic
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fitting.fit import fit

@@ -10,9 +10,9 @@ import argparse
 import json
 import sys
 
-from . import __version__
-from .system import llvm
-from .system.bundled_files import DEFAULT_NETWORK
+from .. import __version__
+from ..system import llvm
+from ..system.bundled_files import DEFAULT_NETWORK
 
 _OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
 
@@ -40,9 +40,9 @@ def main(argv: list[str] | None = None) -> int:
     try:
         if llvm.problem and args.command != "doctor":
             raise ImportError(llvm.problem)
-        from . import commands
+        from . import arguments
 
-        result = getattr(commands, args.command.replace("-", "_"))(args)
+        result = getattr(arguments, args.command.replace("-", "_"))(args)
     except KeyboardInterrupt:
         print("mi-enhance: interrupted", file=sys.stderr)
         return 130
@@ -101,7 +101,7 @@ def parser() -> argparse.ArgumentParser:
     )
 
     def add(name, text, *parents):
-        return commands.add_parser(name, help=text, description=text, parents=[*parents, common])
+        return arguments.add_parser(name, help=text, description=text, parents=[*parents, common])
 
     def add_define(p, text):
         p.add_argument("-D", dest="define", type=_pair, action="append", default=[], metavar="KEY=VALUE", help=text)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from .evaluation.compare import compare_file
-from .output.table import COLUMNS, print_table, write_table
-from .system.bundled_files import demo_data
+from ..evaluation.compare import compare_file
+from ..output.table import COLUMNS, print_table, write_table
+from ..system.bundled_files import demo_data
 
 _MATERIAL = "ilm_solo_m_68_rgb.bsdf"  # blue metallic paint: plain GGX misses the wide base of its highlight
 

@@ -12,8 +12,8 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
-from . import __version__
-from .system import llvm
+from .. import __version__
+from ..system import llvm
 
 VARIANTS = ("scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral", "cuda_ad_rgb")
 _PACKAGES = ("mitsuba", "drjit", "numpy", "OpenEXR", "colour-science", "scikit-image")
@@ -89,7 +89,7 @@ def try_variant(variant: str, bsdf: str) -> None:
     import mitsuba as mi
     import numpy as np
 
-    from .system.bundled_files import network_file
+    from ..system.bundled_files import network_file
 
     if variant.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
         raise RuntimeError("no NVIDIA GPU with a working driver")
@@ -116,7 +116,7 @@ def try_variant(variant: str, bsdf: str) -> None:
 def _try_in_child(variant: str, bsdf: str) -> str:
     if llvm.problem:
         return "not tried"
-    return _in_child(f"from mi_enhance.doctor import try_variant; try_variant({variant!r}, {bsdf!r})")
+    return _in_child(f"from mi_enhance.cli.doctor import try_variant; try_variant({variant!r}, {bsdf!r})")
 
 
 def _in_child(code: str) -> str:
