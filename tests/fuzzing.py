@@ -157,23 +157,29 @@ def _jobs(path: Path) -> list:
 
 
 def _latents(path: Path) -> data.Measurements:
-    shutil.copy(ROOT / "data/nps/decoder.npz", path.parent)
+    shutil.copy(ROOT / "mi_enhance/bundled/nps/decoder.npz", path.parent)
     return data.load(path, n_samples=20, material="brass")
 
 
 _SOURCES = [
-    {"kind": "nps", "path": str(ROOT / "data/nps/merl.npz"), "held_out": "without"},
-    {"kind": "nps-mixtures", "path": str(ROOT / "data/nps/merl.npz"), "count": 3, "albedo": [0.1, 0.9], "warp": True},
-    {"kind": "nbrdf", "path": str(ROOT / "data/nbrdf/nielsen.npz")},
+    {"kind": "nps", "path": str(ROOT / "mi_enhance/bundled/nps/merl.npz"), "held_out": "without"},
+    {
+        "kind": "nps-mixtures",
+        "path": str(ROOT / "mi_enhance/bundled/nps/merl.npz"),
+        "count": 3,
+        "albedo": [0.1, 0.9],
+        "warp": True,
+    },
+    {"kind": "nbrdf", "path": str(ROOT / "mi_enhance/bundled/nbrdf/nielsen.npz")},
     {"kind": "assorted", "count": 2},
 ]
 # Reader: file name, what writes an intact file there (or the file itself), what reads it.
 READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
-    "RGL": ("x.bsdf", ROOT / "data/rgl/ilm_solo_m_68_rgb.bsdf", _load()),
+    "RGL": ("x.bsdf", ROOT / "mi_enhance/bundled/rgl/ilm_solo_m_68_rgb.bsdf", _load()),
     "MERL": ("x.binary", lambda p: merl.write_merl(p, lambda wi, wo: np.full((len(wi), 3), 0.1)), _load()),
-    "NBRDF": ("x.npz", ROOT / "data/nbrdf/nielsen.npz", _load("bluebook")),
-    "NPs": ("x.npz", ROOT / "data/nps/merl.npz", _latents),
-    "NPs decoder": ("decoder.npz", ROOT / "data/nps/decoder.npz", nps.read_decoder),
+    "NBRDF": ("x.npz", ROOT / "mi_enhance/bundled/nbrdf/nielsen.npz", _load("bluebook")),
+    "NPs": ("x.npz", ROOT / "mi_enhance/bundled/nps/merl.npz", _latents),
+    "NPs decoder": ("decoder.npz", ROOT / "mi_enhance/bundled/nps/decoder.npz", nps.read_decoder),
     "table .csv": ("x.csv", lambda p: data.save_table(_table(), p), _load()),
     "table .npz": ("x.npz", lambda p: data.save_table(_table(), p), _load(kind="table")),
     "material": ("x.bsdf", lambda p: _material().save(p), lambda p: Material.load(p).show()),

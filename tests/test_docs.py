@@ -32,7 +32,7 @@ def test_readme_python_runs(llvm, tmp_path, monkeypatch):
     code = blocks("python")
     assert code, "README.md holds no Python block"
     monkeypatch.chdir(tmp_path)
-    shutil.copy(ROOT / "data/rgl/ilm_solo_m_68_rgb.bsdf", tmp_path)
+    shutil.copy(ROOT / "mi_enhance/bundled/rgl/ilm_solo_m_68_rgb.bsdf", tmp_path)
     names: dict = {}
     for block in code:
         exec(compile(block, "README.md", "exec"), names)

@@ -103,7 +103,8 @@ from time import time as clock
 import fuzzing
 import mitsuba as mi
 import numpy as np
-from mi_enhance import data, picture
+from mi_enhance import data
+from mi_enhance.output import figure
 from mi_enhance.data import merl
 from mi_enhance.system import files
 from mi_enhance.training.training_set import TrainingSet

@@ -94,7 +94,7 @@ def bench(
 
     Examples
     --------
-    >>> bench(["data/rgl/satin_rosaline_rgb.bsdf"], "out/bench")["rows"]  # doctest: +SKIP
+    >>> bench(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], "out/bench")["rows"]  # doctest: +SKIP
     """
     names = [material_name(path) for path in paths]
     if not names or len(set(names)) < len(names):

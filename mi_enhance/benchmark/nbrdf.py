@@ -140,7 +140,7 @@ def nbrdf_function(network: Mapping[str, np.ndarray], highest: float) -> Callabl
     Examples
     --------
     >>> from mi_enhance.data import nbrdf
-    >>> names, networks = nbrdf.read_networks("data/nbrdf/merl.npz")
+    >>> names, networks = nbrdf.read_networks("mi_enhance/bundled/nbrdf/merl.npz")
     >>> f = nbrdf_function({k: w[0] for k, w in networks.items()}, 1e3)
     >>> f(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0.6, 0.8)).shape
     (3, 1)

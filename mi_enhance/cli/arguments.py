@@ -1,26 +1,10 @@
-"""What the subcommands of ``mi-enhance`` do: each takes the parsed arguments, prints text and returns its JSON."""
+"""What several subcommands share: variants, outputs, measurements, pretrained networks."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from pathlib import Path
-
-
-def doctor(args: argparse.Namespace) -> dict:
-    from .doctor import examine, show
-
-    report = examine()
-    if not args.json:
-        show(report)
-    return report
-
-
-def demo(args: argparse.Namespace) -> dict:
-    _set_variant(args.variant)
-    from .demo import demo
-
-    return demo(args.output)
 
 
 def _set_variant(name: str | None):

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import time
 from pathlib import Path
 
 from ..evaluation.compare import compare_file
 from ..output.table import COLUMNS, print_table, write_table
 from ..system.bundled_files import demo_data
+from .arguments import _set_variant
 
 _MATERIAL = "ilm_solo_m_68_rgb.bsdf"  # blue metallic paint: plain GGX misses the wide base of its highlight
 
 
-def demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
+def make_demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
     """Fit plain and enhanced GGX to a measured material, render both beside it, and print a table.
 
     Parameters
@@ -39,7 +41,7 @@ def demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
 
     Examples
     --------
-    >>> demo("out/demo")  # doctest: +SKIP
+    >>> make_demo("out/demo")  # doctest: +SKIP
     """
     start = time.perf_counter()
     path = Path(data) if data is not None else demo_data(_MATERIAL)
@@ -53,3 +55,8 @@ def demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
     result = {"picture": str(out_dir / "comparison.png"), "rows": rows, "seconds": seconds}
     print(f"{result['picture']}\nThe enhanced material is ready for a scene: {rows[-1]['file']}")
     return {**result, "tables": {suffix: str(path) for suffix, path in tables.items()}}
+
+
+def demo(args: argparse.Namespace) -> dict:
+    _set_variant(args.variant)
+    return make_demo(args.output)

@@ -5,6 +5,7 @@ Whatever could end a process is tried in a child process, so that it is reported
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import platform
 import signal
@@ -147,3 +148,10 @@ def _coloured(result: str):
     from rich.text import Text
 
     return Text(result, style="green" if result == "works" else "yellow")
+
+
+def doctor(args: argparse.Namespace) -> dict:
+    report = examine()
+    if not args.json:
+        show(report)
+    return report

@@ -1,12 +1,13 @@
 """The command line: what each subcommand takes, and what a user sees when something is wrong.
 
-What the subcommands do is in `commands.py`; nothing heavy is imported before one is chosen. Scripts depend on the names
+What a subcommand does is in the file of its name; nothing heavy is imported before one is chosen. Scripts depend on the names
 and options here and on the JSON that ``--json`` prints last on stdout.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import sys
 
@@ -40,9 +41,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         if llvm.problem and args.command != "doctor":
             raise ImportError(llvm.problem)
-        from . import arguments
-
-        result = getattr(arguments, args.command.replace("-", "_"))(args)
+        name = args.command.replace("-", "_")
+        result = getattr(importlib.import_module(f".{name}", __package__), name)(args)
     except KeyboardInterrupt:
         print("mi-enhance: interrupted", file=sys.stderr)
         return 130
@@ -101,7 +101,7 @@ def parser() -> argparse.ArgumentParser:
     )
 
     def add(name, text, *parents):
-        return arguments.add_parser(name, help=text, description=text, parents=[*parents, common])
+        return commands.add_parser(name, help=text, description=text, parents=[*parents, common])
 
     def add_define(p, text):
         p.add_argument("-D", dest="define", type=_pair, action="append", default=[], metavar="KEY=VALUE", help=text)

@@ -4,11 +4,7 @@ One reader per file beside this one; each turns "light" and "view" of its source
 on top of ``analytic/geometry.py``) and draws its pairs of directions as section 6 of the paper does (``directions.py``).
 """
 
-from .loading import KINDS
-from .loading import load
-from .loading import names
-from .loading import save_table
-from .measurements import Measurements
-from .measurements import clamp_negative
+from .loading import KINDS, load, names, save_table
+from .measurements import Measurements, clamp_negative
 
 __all__ = ["KINDS", "Measurements", "clamp_negative", "load", "names", "save_table"]

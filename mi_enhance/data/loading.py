@@ -53,7 +53,7 @@ def load(path, *, n_samples=100_000, seed=0, material=None, kind=None):
 
     Examples
     --------
-    >>> m = load("data/nbrdf/merl.npz", material="blue-acrylic", n_samples=1000)
+    >>> m = load("mi_enhance/bundled/nbrdf/merl.npz", material="blue-acrylic", n_samples=1000)
     >>> m.name, len(m.f)
     ('blue-acrylic', 1000)
     """
@@ -80,7 +80,7 @@ def names(path):
 
     Examples
     --------
-    >>> names("data/nbrdf/nielsen.npz")[:3]
+    >>> names("mi_enhance/bundled/nbrdf/nielsen.npz")[:3]
     ['bindercover', 'bluebook', 'cardboard']
     """
     where = f'data.names("{path}")'

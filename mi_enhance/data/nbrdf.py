@@ -1,4 +1,4 @@
-"""NBRDF `.npz`: a 6-21-21-3 network per measured isotropic material (format and decoding: data/nbrdf/README.md)."""
+"""NBRDF `.npz`: a 6-21-21-3 network per measured isotropic material (format and decoding: mi_enhance/bundled/nbrdf/README.md)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def decode(network, wi, wo):
 
     Examples
     --------
-    >>> materials, networks = read_networks("data/nbrdf/merl.npz")
+    >>> materials, networks = read_networks("mi_enhance/bundled/nbrdf/merl.npz")
     >>> paint = {k: w[materials.index("white-paint")] for k, w in networks.items()}
     >>> decode(paint, [[0.0, 0.0, 1.0]], [[0.0, 0.6, 0.8]]).shape
     (1, 3)

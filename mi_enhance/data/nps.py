@@ -1,4 +1,4 @@
-"""NPs `.npz`: seven numbers per measured isotropic material, one decoder for all (data/nps/README.md has the format).
+"""NPs `.npz`: seven numbers per measured isotropic material, one decoder for all (mi_enhance/bundled/nps/README.md has the format).
 
 The decoder (`decoder.npz`, 3 MB) lies beside the latents. Any seven numbers decode to a material: mixtures of latents
 are further training materials.
@@ -91,8 +91,8 @@ def decode(decoder, latent, wi, wo, *, with_cosine=False):
 
     Examples
     --------
-    >>> materials, latents = read_latents("data/nps/merl.npz")
-    >>> decoder = read_decoder("data/nps/decoder.npz")
+    >>> materials, latents = read_latents("mi_enhance/bundled/nps/merl.npz")
+    >>> decoder = read_decoder("mi_enhance/bundled/nps/decoder.npz")
     >>> decode(decoder, latents[:2].mean(0), [[0.0, 0.0, 1.0]], [[0.0, 0.6, 0.8]]).shape
     (1, 3)
     """

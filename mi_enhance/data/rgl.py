@@ -60,7 +60,7 @@ def read(path, *, n_samples=100_000, seed=0):
     Examples
     --------
     >>> mi.set_variant("llvm_ad_rgb")
-    >>> read("data/rgl/aurora_white_rgb.bsdf", n_samples=10).name
+    >>> read("mi_enhance/bundled/rgl/aurora_white_rgb.bsdf", n_samples=10).name
     'aurora_white'
     """
     wi, wo = sample_pairs(n_samples, seed=seed)

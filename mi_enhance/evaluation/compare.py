@@ -148,7 +148,7 @@ def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, 
 
     Examples
     --------
-    >>> compare_file("data/rgl/satin_rosaline_rgb.bsdf", out_dir="out/satin")  # doctest: +SKIP
+    >>> compare_file("mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf", out_dir="out/satin")  # doctest: +SKIP
     """
     from ..fitting.fit import fit
 
@@ -197,7 +197,7 @@ def compare_files(paths, *, out_dir, **settings):
 
     Examples
     --------
-    >>> compare_files(["data/rgl/satin_rosaline_rgb.bsdf"], out_dir="out")  # doctest: +SKIP
+    >>> compare_files(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], out_dir="out")  # doctest: +SKIP
     """
     names = [material_name(path) for path in paths]
     if not names or len(set(names)) != len(names):

@@ -99,11 +99,12 @@ def fit_images(
 
     Examples
     --------
-    >>> from mi_enhance import scene, views
-    >>> cameras = views.around(1, target=(0, 1, 0), distance=5, resolution=16)
+    >>> from mi_enhance.evaluation import scenes
+    >>> from mi_enhance.images.cameras import around, render_views
+    >>> cameras = around(1, target=(0, 1, 0), distance=5, resolution=16)
     >>> paint = Material.analytic("ggx").edit(rho_d=(0.6, 0.1, 0.1), rho_s=0.0)
-    >>> photos = views.render_views(scene.load("sphere_envmap", paint.bsdf(), resolution=16), cameras, spp=64)
-    >>> ball = scene.load("sphere_envmap", Material.analytic("ggx").bsdf(), resolution=16)
+    >>> photos = render_views(scenes.load("sphere_envmap", paint.bsdf(), resolution=16), cameras, spp=64)
+    >>> ball = scenes.load("sphere_envmap", Material.analytic("ggx").bsdf(), resolution=16)
     >>> found = fit_images(ball, photos, unknowns=["rho_d", "rho_s"], stages=[(1, 16, 10)], max_depth=2)
     >>> found.report["mean_abs_log"]["train"] < 0.03
     True

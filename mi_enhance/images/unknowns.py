@@ -110,8 +110,9 @@ def enhanced(scene: mi.Scene, names: Sequence[str] | None = None) -> list[Unknow
 
     Examples
     --------
-    >>> from mi_enhance import Material, scene
-    >>> ball = scene.load("sphere_envmap", Material.analytic("ggx").bsdf(), resolution=16, spp=1)
+    >>> from mi_enhance import Material
+    >>> from mi_enhance.evaluation import scenes
+    >>> ball = scenes.load("sphere_envmap", Material.analytic("ggx").bsdf(), resolution=16, spp=1)
     >>> [u.key for u in enhanced(ball, ["rho_d", "F0"])]
     ['ball.bsdf.rho_d', 'ball.bsdf.F0']
     """

@@ -267,3 +267,13 @@ def _by_name(components: list[str]) -> list[str]:
     """
     counts = Counter(str(name).partition(".")[0] for name in components)
     return [name if n == 1 else f"{name} ({n})" for name, n in counts.items()]
+
+
+def load_material(path: str | Path) -> Material:
+    """Read a material or a network; the same as :meth:`Material.load`.
+
+    Examples
+    --------
+    >>> load_material("gold.bsdf")  # doctest: +SKIP
+    """
+    return Material.load(path)

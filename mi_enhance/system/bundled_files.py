@@ -1,7 +1,4 @@
-"""Paths of the scenes and measured materials that come with the package.
-
-In a checkout (also after ``pip install -e .``) they lie beside ``mi_enhance/``; an installed wheel has them inside.
-"""
+"""Paths of the scenes, measured materials and trained networks that come with the package."""
 
 from __future__ import annotations
 
@@ -10,10 +7,7 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
-def _find(installed: str, checkout: str, name: str, what: str) -> Path:
-    folder = _PACKAGE / installed
-    if not folder.is_dir():
-        folder = _PACKAGE.parent / checkout
+def _find(folder: Path, name: str, what: str) -> Path:
     path = folder / name
     if not path.is_file():
         found = ", ".join(sorted(p.name for p in folder.glob("*") if p.suffix in (".xml", ".bsdf"))) or "none"
@@ -43,7 +37,8 @@ def scene_file(name: str) -> Path:
     >>> scene_file("shader_ball.xml").name
     'shader_ball.xml'
     """
-    return _find("scenes", "scenes", name, "scene_file()")
+    installed = _PACKAGE / "scenes"  # in a checkout they lie beside the package
+    return _find(installed if installed.is_dir() else _PACKAGE.parent / "scenes", name, "scene_file()")
 
 
 def demo_data(name: str) -> Path:
@@ -52,7 +47,7 @@ def demo_data(name: str) -> Path:
     Parameters
     ----------
     name : str
-        File name in ``data/rgl/``, for example ``"satin_rosaline_rgb.bsdf"``.
+        File name in ``mi_enhance/bundled/rgl/``, for example ``"satin_rosaline_rgb.bsdf"``.
 
     Raises
     ------
@@ -65,7 +60,7 @@ def demo_data(name: str) -> Path:
     >>> demo_data("satin_rosaline_rgb.bsdf").name
     'satin_rosaline_rgb.bsdf'
     """
-    return _find("demo_data", "data/rgl", name, "demo_data()")
+    return _find(_PACKAGE / "bundled/rgl", name, "demo_data()")
 
 
 DEFAULT_NETWORK = "ggx2"  # the shipped one that is used where none is named
@@ -84,4 +79,4 @@ def network_file(name: str) -> Path:
     FileNotFoundError
         If there is no such network; the message lists those there are.
     """
-    return _find("networks", "mi_enhance/networks", f"{name}.bsdf", "network_file()")
+    return _find(_PACKAGE / "networks", f"{name}.bsdf", "network_file()")

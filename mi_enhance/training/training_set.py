@@ -11,7 +11,6 @@ import numpy as np
 from ..data.measurements import Measurements
 from ..system import npz
 from ..system.files import replacing
-from .training_set import TrainingSet
 
 
 @dataclass(frozen=True, eq=False)

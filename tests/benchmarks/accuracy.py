@@ -75,7 +75,7 @@ _MATERIALS = {
 def main() -> None:
     """Run the benchmark of the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", nargs="*", help="RGL .bsdf (default: data/rgl/*.bsdf)")
+    parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     rivals.add_options(parser)
     parser.add_argument("--nbrdf", metavar="NPZ", help="the authors' NBRDF networks of RGL materials")
     parser.add_argument("--nps", metavar="NPZ", help="NPs latents of RGL materials, decoder.npz beside them")
@@ -90,7 +90,7 @@ def main() -> None:
     contenders += [rivals.nbrdf_authors(args.nbrdf)] if args.nbrdf else []
     contenders += [rivals.nps_authors(args.nps)] if args.nps else []
     rows = []
-    for path in args.data or sorted((_ROOT / "data/rgl").glob("*.bsdf")):
+    for path in args.data or sorted((_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf")):
         print(material_name(path), flush=True)
         rows += _material(args, path, contenders)
     write_table(rows, Path(args.output) / "materials", _MATERIALS)

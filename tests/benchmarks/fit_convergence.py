@@ -45,7 +45,7 @@ _COLUMNS = {
 def main() -> None:
     """Run the benchmark of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="?", default=str(_ROOT / "data/rgl/ilm_solo_m_68_rgb.bsdf"))
+    parser.add_argument("data", nargs="?", default=str(_ROOT / "mi_enhance/bundled/rgl/ilm_solo_m_68_rgb.bsdf"))
     parser.add_argument("--samples", type=float, nargs="+", default=[1e3, 1e4, 1e5, 1e6])
     parser.add_argument("--steps", type=int, default=1000, help="of RMSProp and Adam (default: %(default)s)")
     parser.add_argument("-o", "--output", default="out/fit_convergence", help="folder of the picture")

@@ -39,7 +39,7 @@ _COLUMNS = {
 def main() -> None:
     """Run the benchmark of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="*", help="measured files (default: data/rgl/*.bsdf)")
+    parser.add_argument("data", nargs="*", help="measured files (default: mi_enhance/bundled/rgl/*.bsdf)")
     parser.add_argument("--network", help="network to fit (default: the shipped one)")
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
@@ -49,7 +49,7 @@ def main() -> None:
     parser.add_argument("--method", help=argparse.SUPPRESS)  # one cold fit, in the child process
     parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
-    args.data = args.data or sorted(map(str, (_ROOT / "data/rgl").glob("*.bsdf")))
+    args.data = args.data or sorted(map(str, (_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf")))
     mi.set_variant("llvm_ad_rgb")
     if args.method:
         print(json.dumps(_fit(args, args.data[0], args.method)))

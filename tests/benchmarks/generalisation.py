@@ -54,7 +54,7 @@ _COLUMNS = {
 def main() -> None:
     """Run the benchmark of the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", nargs="*", help="RGL .bsdf (default: data/rgl/*.bsdf)")
+    parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     rivals.add_options(parser)
     parser.add_argument("--count", type=int, default=10, help="materials of each anisotropic kind (default: 10)")
     parser.add_argument("-o", "--output", default="out/generalisation", help="folder (default: %(default)s)")
@@ -71,7 +71,7 @@ def main() -> None:
     samples = []
     for case in _CASES:
         print(case, flush=True)
-        paths = args.data or sorted((_ROOT / "data/rgl").glob("*.bsdf"))
+        paths = args.data or sorted((_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf"))
         rows = [row for path in paths for row in _odd(args, case, path, models)]
         samples += [_mean(case, rows, rival.label) for rival in models]
     for name, rows in (("anisotropic", anisotropic), ("samples", samples)):

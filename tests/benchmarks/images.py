@@ -63,7 +63,7 @@ _COLUMNS = {
 def main() -> None:
     """Run the benchmark of the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", nargs="*", help="RGL .bsdf (default: data/rgl/*.bsdf)")
+    parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     parser.add_argument("-m", "--network", default="ggx2", help="shipped network or .bsdf (default: %(default)s)")
     parser.add_argument("--scene", choices=_CAMERAS, default="shader_ball", help="of the fit; the other one is unseen")
     parser.add_argument("--views", type=int, default=12, help="photographs (default: %(default)s)")
@@ -89,7 +89,7 @@ def main() -> None:
         columns = {key: (key.replace("_", " "), ".4g" if isinstance(v, float) else "") for key, v in row.items()}
         finish([row], columns, title="Fits from photographs", about=about, as_json=args.json)
         return
-    files = args.data or sorted((_ROOT / "data/rgl").glob("*.bsdf"))
+    files = args.data or sorted((_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf"))
     rows = []
     for file in files:
         rows += material_rows(args, Path(file), folder)

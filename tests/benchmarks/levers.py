@@ -22,11 +22,14 @@ from mi_enhance.output.figure import sheet
 from mi_enhance.output.table import write_table
 from mi_enhance.training.train import train
 
-_MERL = {"kind": "nps", "path": "data/nps/merl.npz"}  # from the root of the repository, as the shipped settings have it
-_MIXED = {"kind": "nps-mixtures", "path": "data/nps/merl.npz", "held_out": "without"}
+_MERL = {
+    "kind": "nps",
+    "path": "mi_enhance/bundled/nps/merl.npz",
+}  # from the root of the repository, as the shipped settings have it
+_MIXED = {"kind": "nps-mixtures", "path": "mi_enhance/bundled/nps/merl.npz", "held_out": "without"}
 _BRIGHT = {**_MIXED, "count": 120, "albedo": [0.2, 1]}
 _WARPED = {**_MIXED, "count": 200, "albedo": [0.2, 1], "warp": True}
-_MEASURED = [{**_MERL, "held_out": "without"}, {"kind": "nbrdf", "path": "data/nbrdf/nielsen.npz"}]
+_MEASURED = [{**_MERL, "held_out": "without"}, {"kind": "nbrdf", "path": "mi_enhance/bundled/nbrdf/nielsen.npz"}]
 _LOBES = [{"kind": "synthetic", "count": 50}, {"kind": "two-lobes", "count": 50}]
 _ASSORTED = {"kind": "assorted", "count": 150}
 _VALIDATION = [

@@ -37,11 +37,11 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     about = machine()
-    names, networks = nbrdf.read_networks(_ROOT / "data/nbrdf/merl.npz")
+    names, networks = nbrdf.read_networks(_ROOT / "mi_enhance/bundled/nbrdf/merl.npz")
     rows = []
     for name in args.materials:
         seen, unseen = (
-            data.load(_ROOT / "data/nps/merl.npz", material=name, n_samples=n, seed=seed)
+            data.load(_ROOT / "mi_enhance/bundled/nps/merl.npz", material=name, n_samples=n, seed=seed)
             for n, seed in ((args.samples, 0), (20_000, 1))
         )
         network, seconds = train_nbrdf(seen, epochs=args.epochs, learning_rate=args.learning_rate)

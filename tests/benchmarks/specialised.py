@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def _material(name: str) -> list[dict]:
-    measurements = data.load(_ROOT / "data/nps/merl.npz", material=name)
+    measurements = data.load(_ROOT / "mi_enhance/bundled/nps/merl.npz", material=name)
     exact = fit(Material.network(), measurements)
     forms = {"exact": exact, **{f"max error {e:g}": specialize(exact, max_error=e) for e in _ERRORS}}
     forms["refined on the measurements"] = specialize(exact, measurements)

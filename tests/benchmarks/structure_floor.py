@@ -161,7 +161,7 @@ def _materials(args):
         for path in args.data[: args.count]:
             yield data.load(path, n_samples=args.samples, seed=args.seed)
         return
-    path = _ROOT / "data/nps/merl.npz"
+    path = _ROOT / "mi_enhance/bundled/nps/merl.npz"
     for name in data.names(path)[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY][: args.count]:
         yield data.load(path, material=name, n_samples=args.samples, seed=args.seed)
 

@@ -25,7 +25,7 @@ from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
 from mi_enhance.output import srgb
 from mi_enhance.output.figure import sheet
 
-_RGL = Path(__file__).resolve().parents[2] / "data/rgl"
+_RGL = Path(__file__).resolve().parents[2] / "mi_enhance/bundled/rgl"
 _FILES = [str(_RGL / f"{name}_rgb.bsdf") for name in ("satin_rosaline", "ilm_solo_m_68", "cc_ibiza_sunset")]
 _UNSEEN = 512  # samples per texel
 _MIN_COS = np.cos(np.deg2rad(80))  # beyond, the files are extrapolated, and no rig that measures a surface looks

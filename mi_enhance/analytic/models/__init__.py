@@ -3,13 +3,9 @@
 from .abc import abc
 from .ashikhmin_shirley import ashikhmin_shirley
 from .cook_torrance import cook_torrance
-from .ggx import ggx
-from .ggx import ggx2
+from .ggx import ggx, ggx2
 from .model import Model
-from .registry import MODELS
-from .registry import from_expression
-from .registry import get
-from .registry import registered
+from .registry import MODELS, from_expression, get, registered
 from .ward import ward
 
 __all__ = [

@@ -16,7 +16,7 @@ from mi_enhance.benchmark import nbrdf as models_of_others
 from mi_enhance.data import directions, nbrdf, reference_brdfs, rgl
 from mi_enhance.fitting.losses import log_l1
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tests/benchmarks"))  # scripts, not a package
 
 import accuracy  # noqa: E402
@@ -26,7 +26,7 @@ import rivals  # noqa: E402
 import structure_floor  # noqa: E402
 import tabulated  # noqa: E402
 
-FILE = ROOT / "data/rgl/satin_rosaline_rgb.bsdf"
+FILE = ROOT / "mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"
 PAINT = dict(n=[0, 0, 1], t_theta=0, rho_d=[0.3, 0.2, 0.1], rho_s=[1] * 3, alpha_x=0.3, alpha_y=0.3, F0=0.05)
 
 
@@ -85,7 +85,7 @@ def test_errors_against_both_truths(llvm):
     e = [np.maximum(rgl.evaluate(FILE, a, b) * b[:, 2:], 0) for a, b in ((m.wi, m.wo), (m.wo, m.wi))]
 
     def average(wi, wo):
-        # (e + e) / 2 over cos theta_h cos theta_d, as data/nps/README.md decodes RGL
+        # (e + e) / 2 over cos theta_h cos theta_d, as mi_enhance/bundled/nps/README.md decodes RGL
         theta_h, _, d = directions.half_difference(wi, wo)
         return ((e[0] + e[1]) / 2 / (np.cos(theta_h) * d[:, 2])[:, None]).astype(np.float32)
 

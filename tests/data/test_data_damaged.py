@@ -21,7 +21,7 @@ from mi_enhance import data
 from mi_enhance.data import merl
 from mi_enhance.system import npz, tensor_file
 
-RGL = Path("data/rgl/ilm_solo_m_68_rgb.bsdf")
+RGL = Path("mi_enhance/bundled/rgl/ilm_solo_m_68_rgb.bsdf")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -56,14 +56,14 @@ def damage(content, rng, header):
     "source, header, material",
     [
         (RGL, 3000, None),
-        (Path("data/nbrdf/nielsen.npz"), 400, "bluebook"),
-        (Path("data/nps/merl.npz"), 400, "brass"),
+        (Path("mi_enhance/bundled/nbrdf/nielsen.npz"), 400, "bluebook"),
+        (Path("mi_enhance/bundled/nps/merl.npz"), 400, "brass"),
     ],
     ids=["rgl", "nbrdf", "nps"],
 )
 def test_damaged_files_are_refused_or_read(tmp_path, source, header, material):
     path, rng, content = tmp_path / source.name, np.random.default_rng(11), source.read_bytes()
-    shutil.copy("data/nps/decoder.npz", tmp_path)
+    shutil.copy("mi_enhance/bundled/nps/decoder.npz", tmp_path)
     refused = 0
     for _ in range(150):
         path.write_bytes(damage(content, rng, header))
@@ -250,8 +250,8 @@ def test_npz_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
 
 
 def test_nps_decoder_of_another_network_is_refused(tmp_path):
-    shutil.copy("data/nps/merl.npz", tmp_path)
-    with np.load("data/nps/decoder.npz") as decoder:
+    shutil.copy("mi_enhance/bundled/nps/merl.npz", tmp_path)
+    with np.load("mi_enhance/bundled/nps/decoder.npz") as decoder:
         np.savez(tmp_path / "decoder.npz", **{k: w[:300] if k == "W4" else w for k, w in decoder.items()})
     with pytest.raises(ValueError, match=r"decoder.npz.*W4 is float32 with shape \(300, 400\); .* \(400, 400\)"):
         data.load(tmp_path / "merl.npz", material="brass", n_samples=10)

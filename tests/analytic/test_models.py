@@ -22,7 +22,7 @@ from mi_enhance.fitting.analytic_fit import objective
 from mi_enhance.fitting.fit import fit
 from mi_enhance.material.material import Material
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 # Relative: 6e-8 in h is 1e-4 in a Gaussian of 20 roughnesses, and in (1 - cos_theta_h)^C where that is 1e-5.
 VALUE = 2e-4
@@ -214,7 +214,7 @@ PUBLISHED = {  # Low et al. 2012, as in dj_brdf (public domain): rho_d, A, B, C,
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_abc_fits_measured_materials_at_least_as_well_as_published(llvm, name):
-    m = data.load(ROOT / "data/nps/merl.npz", material=name, n_samples=4000)
+    m = data.load(ROOT / "mi_enhance/bundled/nps/merl.npz", material=name, n_samples=4000)
     material = Material.analytic("abc")
     published = material.edit(**dict(zip(("rho_d", "A", "B", "C", "ior"), PUBLISHED[name], strict=True)))
     problem = objective(material.brdf, m)

@@ -112,7 +112,7 @@ def test_measurements_refuse(wi, wo, f, message):
 
 @pytest.mark.parametrize("name", ["aurora_white", "ilm_solo_m_68"])
 def test_rgl_is_mitsubas_measured_with_light_as_wo(rgb, name):
-    path = f"data/rgl/{name}_rgb.bsdf"
+    path = f"mi_enhance/bundled/rgl/{name}_rgb.bsdf"
     viewer, light = (np.array(v) / np.linalg.norm(v) for v in ([0.3, 0.1, 1.0], [-0.9, 0.4, 0.5]))
     bsdf = mi.load_dict({"type": "measured", "filename": path})
 
@@ -129,18 +129,20 @@ def test_rgl_is_mitsubas_measured_with_light_as_wo(rgb, name):
 
 @pytest.mark.parametrize("name, share", [("aurora_white", 0.0), ("cg_sunflower", 0.27)])
 def test_rgl_negative_values_clamped_and_counted(rgb, name, share):
-    path = f"data/rgl/{name}_rgb.bsdf"
+    path = f"mi_enhance/bundled/rgl/{name}_rgb.bsdf"
     m = data.load(path, n_samples=20_000, seed=1)
     raw = rgl.evaluate(path, m.wi, m.wo)
     assert np.array_equal(m.f, np.maximum(raw, 0)) and m.name == name
-    assert m.clamped_fraction == np.mean(raw < 0) == pytest.approx(share, abs=0.01)  # 0.27: data/rgl/README.md
+    assert (
+        m.clamped_fraction == np.mean(raw < 0) == pytest.approx(share, abs=0.01)
+    )  # 0.27: mi_enhance/bundled/rgl/README.md
 
 
 def test_rgl_in_scalar_variant_says_which_to_set():
     mi.set_variant("scalar_rgb")
     try:
         with pytest.raises(RuntimeError, match=r'active is scalar_rgb. Call mi.set_variant\("llvm_ad_rgb"\)'):
-            data.load("data/rgl/aurora_white_rgb.bsdf", n_samples=10)
+            data.load("mi_enhance/bundled/rgl/aurora_white_rgb.bsdf", n_samples=10)
     finally:
         mi.set_variant("llvm_ad_rgb")
 
@@ -222,7 +224,7 @@ def features(wi, wo):
 
 
 def test_nbrdf_decoder_is_the_readmes():
-    materials, networks = nbrdf.read_networks("data/nbrdf/merl.npz")
+    materials, networks = nbrdf.read_networks("mi_enhance/bundled/nbrdf/merl.npz")
     net = {k: w[materials.index("blue-acrylic")].astype(np.float64) for k, w in networks.items()}
     wi, wo = (w.astype(np.float64) for w in directions.sample_pairs(200, seed=6))
     expected = np.empty((200, 3))
@@ -241,8 +243,8 @@ def test_nbrdf_decoder_is_the_readmes():
 
 @pytest.fixture(scope="module")
 def nps_merl():
-    materials, latents = nps.read_latents("data/nps/merl.npz")
-    return materials, latents, nps.read_decoder("data/nps/decoder.npz")
+    materials, latents = nps.read_latents("mi_enhance/bundled/nps/merl.npz")
+    return materials, latents, nps.read_decoder("mi_enhance/bundled/nps/decoder.npz")
 
 
 @pytest.mark.parametrize("with_cosine", [False, True], ids=["merl", "rgl"])
@@ -280,27 +282,27 @@ def test_nps_exactly_reciprocal(nps_merl):
 
 def test_nps_and_nbrdf_tell_the_same_materials(nps_merl):
     materials, latents, decoder = nps_merl
-    names, networks = nbrdf.read_networks("data/nbrdf/merl.npz")
+    names, networks = nbrdf.read_networks("mi_enhance/bundled/nbrdf/merl.npz")
     wi, wo = directions.sample_pairs(1500, seed=9)
     difference, others = [], []
     for i in range(0, 100, 4):
         f = nps.decode(decoder, latents[i], wi, wo)
         for j, into in ((names.index(materials[i]), difference), ((names.index(materials[i]) + 50) % 100, others)):
             into.append(log_l1(f, nbrdf.decode({k: w[j] for k, w in networks.items()}, wi, wo), wo))
-    assert np.mean(difference) < 0.006  # data/nps/README.md: .0038 over all 100
+    assert np.mean(difference) < 0.006  # mi_enhance/bundled/nps/README.md: .0038 over all 100
     assert np.mean(others) > 10 * np.mean(difference)  # another material is told apart
 
 
 def test_nps_latents_with_rgl_names_divide_by_the_cosines(nps_merl, tmp_path):
     _, latents, decoder = nps_merl
-    shutil.copy("data/nps/decoder.npz", tmp_path)
+    shutil.copy("mi_enhance/bundled/nps/decoder.npz", tmp_path)
     np.savez(tmp_path / "rgl.npz", names=["chm_orange", "spectralon"], mean=latents[:2])
     m = data.load(tmp_path / "rgl.npz", material="spectralon", n_samples=500)
     assert np.array_equal(m.f, nps.decode(decoder, latents[1], m.wi, m.wo, with_cosine=True))
 
 
 def test_nps_without_decoder_says_what_is_missing(tmp_path):
-    shutil.copy("data/nps/merl.npz", tmp_path)
+    shutil.copy("mi_enhance/bundled/nps/merl.npz", tmp_path)
     with pytest.raises(FileNotFoundError, match="decoder.npz is not in the same folder"):
         data.load(tmp_path / "merl.npz", material="brass")
 
@@ -472,30 +474,44 @@ def test_synthetic_validation_kinds_are_seeded_and_anisotropic(draw):
 
 
 def test_load_goes_by_content_not_by_suffix(merl_file, tmp_path):
-    shutil.copy("data/nbrdf/nielsen.npz", tmp_path / "nielsen.dat")
+    shutil.copy("mi_enhance/bundled/nbrdf/nielsen.npz", tmp_path / "nielsen.dat")
     assert data.load(tmp_path / "nielsen.dat", material="bluebook", n_samples=10).source.startswith("NBRDF")
     shutil.copy(merl_file, tmp_path / "table.bin")
     assert data.load(tmp_path / "table.bin", n_samples=10).source.startswith("MERL")
 
 
 def test_names_lists_collections():
-    assert len(data.names("data/nbrdf/merl.npz")) == len(data.names("data/nps/merl.npz")) == 100
-    assert data.names("data/rgl/chm_mint_rgb.bsdf") == ["chm_mint"]
+    assert (
+        len(data.names("mi_enhance/bundled/nbrdf/merl.npz"))
+        == len(data.names("mi_enhance/bundled/nps/merl.npz"))
+        == 100
+    )
+    assert data.names("mi_enhance/bundled/rgl/chm_mint_rgb.bsdf") == ["chm_mint"]
 
 
-MERL_NPZ, NIELSEN = "data/nps/merl.npz", "data/nbrdf/nielsen.npz"
+MERL_NPZ, NIELSEN = "mi_enhance/bundled/nps/merl.npz", "mi_enhance/bundled/nbrdf/nielsen.npz"
 
 
 @pytest.mark.parametrize(
     "path, settings, error, message",
     [
         ("data/none.npz", {}, FileNotFoundError, "no such file"),
-        ("data/nbrdf", {}, ValueError, "this is a folder"),
-        ("data/nbrdf/README.md", {}, ValueError, r"neither content nor suffix '.md' .* kind= \(rgl, merl"),
+        ("mi_enhance/bundled/nbrdf", {}, ValueError, "this is a folder"),
+        (
+            "mi_enhance/bundled/nbrdf/README.md",
+            {},
+            ValueError,
+            r"neither content nor suffix '.md' .* kind= \(rgl, merl",
+        ),
         (MERL_NPZ, {}, ValueError, r"holds 100 materials \(alum-bronze, .*material= \(--material\)"),
         (MERL_NPZ, {"material": "blue-acryl"}, ValueError, "no material 'blue-acryl' .*Did you mean 'blue-acrylic'"),
-        ("data/nps/decoder.npz", {}, ValueError, "this is the NPs decoder"),
-        ("data/rgl/chm_mint_rgb.bsdf", {"material": "mint"}, ValueError, "holds one material, 'mint' was asked for"),
+        ("mi_enhance/bundled/nps/decoder.npz", {}, ValueError, "this is the NPs decoder"),
+        (
+            "mi_enhance/bundled/rgl/chm_mint_rgb.bsdf",
+            {"material": "mint"},
+            ValueError,
+            "holds one material, 'mint' was asked for",
+        ),
         (NIELSEN, {"kind": "nbdrf"}, ValueError, "kind is 'nbdrf'. .*Did you mean 'nbrdf'"),
         (NIELSEN, {"kind": "nps"}, ValueError, "the array 'mean' is missing"),
         (NIELSEN, {"n_samples": 0}, ValueError, "n_samples is 0; it must be a whole number >= 1"),

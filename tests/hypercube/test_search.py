@@ -25,7 +25,7 @@ from mi_enhance.hypercube.setup import Setup, candidate_folder
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 
-sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from planted import first_change  # noqa: E402
 
 # Networks that train in a moment; the code is the same. Two slots are free: four candidates in two stages.

@@ -13,7 +13,7 @@ from mi_enhance.training.augmentation import warp
 from mi_enhance.training.sources import build
 
 ROUNDING = 1e-9  # float64 sums in another order, through exponentials
-NPS = "data/nps/merl.npz"
+NPS = "mi_enhance/bundled/nps/merl.npz"
 
 
 def at(seed, wi, wo):
@@ -168,7 +168,11 @@ def test_warped_mixtures_are_mixtures_times_their_warp(tmp_path):
 def test_albedo_of_mixtures_is_scaled_into_the_range(tmp_path):
     """Seen from above, brightest channel; what is darker than 1/30 of what was asked for stays dark."""
     names, latents = nps.read_latents(NPS)
-    decoder, plain, wo = nps.read_decoder("data/nps/decoder.npz"), mixtures(tmp_path), sample_cosine(20_000)
+    decoder, plain, wo = (
+        nps.read_decoder("mi_enhance/bundled/nps/decoder.npz"),
+        mixtures(tmp_path),
+        sample_cosine(20_000),
+    )
     albedo = []
     for k in range(12):
         rng = np.random.default_rng(7 + k)

@@ -21,8 +21,8 @@ from mi_enhance.evaluation import scenes
 from mi_enhance.evaluation.reflectance import reflectance
 from mi_enhance.fitting.losses import log_l1
 
-ROOT = Path(__file__).resolve().parents[1]
-FILE = ROOT / "data/rgl/satin_rosaline_rgb.bsdf"
+ROOT = Path(__file__).resolve().parents[2]
+FILE = ROOT / "mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"
 
 
 def measurements(f, n=3000):
@@ -31,7 +31,7 @@ def measurements(f, n=3000):
 
 
 def test_nbrdf_in_drjit_is_the_reader_s(llvm):
-    names, networks = nbrdf.read_networks(ROOT / "data/nbrdf/merl.npz")
+    names, networks = nbrdf.read_networks(ROOT / "mi_enhance/bundled/nbrdf/merl.npz")
     network = {k: w[names.index("gold-metallic-paint")] for k, w in networks.items()}
     wi, wo = sample_pairs(2000, seed=1)
     ours = reflectance(of_function(nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)

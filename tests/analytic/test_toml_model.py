@@ -35,7 +35,7 @@ VALUE = 2e-4
 DARK = 1e-9
 RECOVERED = 1e-3  # log-L1 of a fit to samples of the model itself
 
-FILE = Path(__file__).parents[1] / "docs/ashikhmin_shirley.toml"
+FILE = Path(__file__).parents[2] / "docs/ashikhmin_shirley.toml"
 TEXT = FILE.read_text(encoding="utf-8")
 
 # What the native models do not have: a sum in parentheses, a term of parameters alone, a parameter below 0.
