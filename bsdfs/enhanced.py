@@ -91,7 +91,7 @@ One-sided, like all opaque BSDFs of Mitsuba; wrap it in ``twosided`` if needed. 
 see RGB parameters in all of them, colour enters through rho_d, rho_s and rho_s2. In spectral variants RGB values are
 upsampled as Mitsuba does it, without gradients. Sampling: visible GGX normals and cosine, exact density. Weights are
 constants of the compiled function; what belongs to a material is data, so materials of one network share that function.
-What is 0 and neither textured nor optimised is left out of it: a colour with its whole term, the frame, ``asymmetry``;
+What is 0 and neither textured nor optimized is left out of it: a colour with its whole term, the frame, ``asymmetry``;
 an update of the parameters brings it back.
 Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 """
@@ -111,7 +111,7 @@ from mi_enhance.material.material import Material
 from mi_enhance.material.material_maps import MaterialMaps
 from mi_enhance.neural import baked, cooperative
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
-from mi_enhance.neural.simplify import lean
+from mi_enhance.neural.simplify import simplify
 from mi_enhance.sampling import energy_bound, importance, lobe_mixture
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
@@ -161,7 +161,7 @@ class Enhanced(mi.BSDF):
         super().__init__(props)
         self.m_material = _material(props)
         self.m_brdf = self.m_material.brdf
-        coloured = [slot for slot, mlp in self.m_brdf.networks.items() if mlp.sizes[-1] == 3]
+        coloured = [slot for slot, mlp in self.m_brdf.modules.items() if mlp.sizes[-1] == 3]
         if coloured and not mi.is_rgb:
             raise ValueError(
                 f'bsdf "enhanced": the networks for {", ".join(coloured)} give RGB, which variant "{mi.variant()}" '
@@ -175,7 +175,7 @@ class Enhanced(mi.BSDF):
         self.m_colours = [p.name for p in self.m_brdf.parameters if p.is_colour]
         for p in self.m_brdf.parameters:
             self._read(props, p)
-        self.m_energy = bool(props.get("energy", self.m_material.energy))
+        self.m_energy = bool(props.get("energy", self.m_material.bound_energy))
         if self.m_energy:
             self._check_textures()
         self.m_lobe_albedo = mi.Float(self.m_material.lobe_albedo)
@@ -227,8 +227,8 @@ class Enhanced(mi.BSDF):
 
     def traverse(self, cb):
         for name, value in self.m_values.items():
-            if self.m_brdf.compact and (name == "latent" or name.startswith("norm_")):
-                continue  # a specialised material has them in the weights of its own network
+            if self.m_brdf.distilled and (name == "latent" or name.startswith("norm_")):
+                continue  # a specialized material has them in the weights of its own network
             # Upsampling to spectra is not differentiable.
             flag = mi.ParamFlags.NonDifferentiable if name in self.m_spectra else mi.ParamFlags.Differentiable
             cb.put(name, value, flag)
@@ -241,9 +241,9 @@ class Enhanced(mi.BSDF):
     def _update(self, keys=()) -> None:
         """Choose what is left out; fold what is constant over the surface into the networks' first layers."""
         self._know(keys)
-        self.m_lean = self._form(*lean(self.m_brdf, self.m_known))
+        self.m_simple = self._form(*simplify(self.m_brdf, self.m_known))
         for name, value in self.m_values.items():
-            if name in self.m_lean.left_out:
+            if name in self.m_simple.left_out:
                 # A literal, not data: ``dr.freeze`` tells by it that what it recorded does not hold for other values.
                 value *= 0
             else:
@@ -264,7 +264,7 @@ class Enhanced(mi.BSDF):
             self.m_begun = self.m_brdf.begin_fold(_parts(self.m_brdf, constants, self.m_values), self.m_stored)
             dr.make_opaque(self.m_begun)
         if not self.m_textures and not self.m_scales:
-            present = {name: v for name, v in constants.items() if name not in self.m_lean.left_out}
+            present = {name: v for name, v in constants.items() if name not in self.m_simple.left_out}
             self.m_shares = lobe_mixture.shares(present, self.m_lobe_albedo, self.m_brdf.model)
             dr.make_opaque(self.m_shares)
         if self.m_energy:
@@ -272,7 +272,7 @@ class Enhanced(mi.BSDF):
 
     def _bound(self, constants: dict) -> mi.Float:
         """The table of :mod:`mi_enhance.sampling.energy_bound` for the parameters as they are."""
-        form, values, si = self.m_lean, dict(constants), dr.zeros(mi.SurfaceInteraction3f)
+        form, values, si = self.m_simple, dict(constants), dr.zeros(mi.SurfaceInteraction3f)
         for name, texture in self.m_textures.items():  # a colour from a scene is a texture, too
             values[name] = dr.detach(_rgb(texture, si, True) if name in self.m_colours else texture.eval_1(si))
         values = {name: v for name, v in values.items() if name not in form.left_out}
@@ -280,7 +280,7 @@ class Enhanced(mi.BSDF):
         return energy_bound.table(form.brdf, values, shares)
 
     def _know(self, keys) -> None:
-        """Keep the values of the parameters that are the same everywhere and not being optimised."""
+        """Keep the values of the parameters that are the same everywhere and not being optimized."""
         if dr.flag(dr.JitFlag.FreezingScope):
             self.m_known = {}  # while a function is recorded no value can be looked at
             return
@@ -305,9 +305,9 @@ class Enhanced(mi.BSDF):
 
     def _prepare(self, si: mi.SurfaceInteraction3f, active) -> tuple[_Form, dict, dict]:
         """What is evaluated, the parameters at the hit point, with RGB colours, and what is folded of them."""
-        form = self.m_lean
+        form = self.m_simple
         if dr.grad_enabled([self.m_values[name] for name in form.left_out]):
-            form = self.m_full  # optimised since the last update: nothing may be missing
+            form = self.m_full  # optimized since the last update: nothing may be missing
         params = self._constants()
         for p in self.m_brdf.parameters:
             if p.name in self.m_textures:
@@ -363,7 +363,7 @@ class Enhanced(mi.BSDF):
             shares = lobe_mixture.shares_at(si.wi.z, params, self.m_albedos, model)
             return lobe_mixture.scaled(model, list(enumerate(self.m_scales))), shares
         # from the last update where they cannot have changed
-        known = form is self.m_lean and self.m_shares is not None and not dr.grad_enabled(params)
+        known = form is self.m_simple and self.m_shares is not None and not dr.grad_enabled(params)
         return model, self.m_shares if known else lobe_mixture.shares(params, self.m_lobe_albedo, model)
 
     def _pdf(self, si, wo, form, params, active):

@@ -10,7 +10,7 @@ import mitsuba as mi
 from mi_enhance.material.material import Material
 
 
-def of_function(f: Callable, lobe: Material) -> mi.BSDF:
+def function_bsdf(f: Callable, lobe: Material) -> mi.BSDF:
     """A BSDF of the active variant.
 
     Parameters
@@ -28,7 +28,7 @@ def of_function(f: Callable, lobe: Material) -> mi.BSDF:
 
     Examples
     --------
-    >>> half = of_function(lambda wi, wo: mi.Color3f(0.5 / dr.pi), Material.analytic("ggx"))
+    >>> half = function_bsdf(lambda wi, wo: mi.Color3f(0.5 / dr.pi), Material.analytic("ggx"))
     >>> si = mi.SurfaceInteraction3f()
     >>> si.wi = mi.Vector3f(0, 0, 1)
     >>> half.eval(mi.BSDFContext(), si, si.wi).x.numpy().round(4)

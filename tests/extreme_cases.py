@@ -141,8 +141,8 @@ def materials() -> dict[str, Material]:
     own = enhance("ggx2", ("B", "D", "F", "G", "G2"), inputs="own", modulated=True, n_latent=6, seed=2)
     result["own features, random"] = Material(own, {})
     brdf = enhance("ggx", ("S", "D", "F", "G", "1/E"), inputs="shape", seed=1)
-    steep = unflatten(brdf.networks, 30 * flatten(brdf.networks))
-    return result | {"[S] [D] [F] [G] [1/E] saturated": Material(dataclasses.replace(brdf, networks=steep), {})}
+    steep = unflatten(brdf.modules, 30 * flatten(brdf.modules))
+    return result | {"[S] [D] [F] [G] [1/E] saturated": Material(dataclasses.replace(brdf, modules=steep), {})}
 
 
 # --- kernels ----------------------------------------------------------------------------------------------------------
@@ -176,11 +176,11 @@ def n_bad(f: mi.Color3f, gradients: dict) -> mi.UInt32:
 def twin_of(material: Material):
     """``f(wi, wo, params)`` in float64 of a material's BRDF."""
     brdf = material.brdf
-    if not brdf.networks:
+    if not brdf.modules:
         return lambda wi, wo, p: twin.analytic(brdf.model.name, wi, wo, p)
     if brdf.inputs in ("shape", "own"):
-        return lambda wi, wo, p: twin_networks.brdf(brdf.model.name, wi, wo, p, brdf.networks, brdf.inputs)
-    layers = {slot: mlp.layers for slot, mlp in brdf.networks.items()}
+        return lambda wi, wo, p: twin_networks.brdf(brdf.model.name, wi, wo, p, brdf.modules, brdf.inputs)
+    layers = {slot: mlp.layers for slot, mlp in brdf.modules.items()}
     return lambda wi, wo, p: twin.brdf(wi, wo, p, layers, brdf.inputs)
 
 

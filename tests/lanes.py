@@ -32,7 +32,7 @@ def parameters(p):
 
 def fused(brdf):
     """Evaluators that compile in a second whatever the weights: a trainable network without gradients."""
-    trainable = Trainable(brdf.networks)
+    trainable = Trainable(brdf.modules)
     dr.disable_grad(trainable.weights)
     return trainable
 

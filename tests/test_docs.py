@@ -46,7 +46,7 @@ def test_readme_xml_loads(llvm, tmp_path, monkeypatch):
 
     (xml,) = blocks("xml")
     monkeypatch.chdir(tmp_path)
-    me.Material.network("ggx").save("gold.bsdf")
+    me.Material.pretrained("ggx").save("gold.bsdf")
     bsdf = mi.load_string(xml.replace("<bsdf", '<bsdf version="3.0.0"', 1))
     assert "Enhanced" in str(bsdf)
 

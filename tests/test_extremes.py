@@ -81,7 +81,7 @@ def test_the_hunt_finds_what_it_hunts():
 # --- terms of no model of the package ---------------------------------------------------------------------------------
 
 
-def test_normalised_abc_is_the_twins_over_its_range(llvm):
+def test_normalized_abc_is_the_twins_over_its_range(llvm):
     n = 20_000
     random = cases.Random(n, 3)
     b, c = dr.exp(random() * np.log(1e8).item()), dr.exp(random() * np.log(1e3).item()) * 0.01

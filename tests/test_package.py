@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-
 import mitsuba as mi
 import pytest
 
 import mi_enhance
 from mi_enhance.system import bundled_files
-
-
-@pytest.mark.parametrize("name", ["enhance", "fit", "train", "compare", "specialize"])
-def test_function_is_not_hidden_by_the_module_of_its_name(name):
-    module = importlib.import_module(f"mi_enhance.{name}")  # stores the module in the package, if nothing prevents it
-    assert getattr(mi_enhance, name) is getattr(module, name)
-    assert callable(getattr(mi_enhance, name))
 
 
 def test_unknown_name_lists_the_public_ones():
@@ -84,7 +75,7 @@ def test_missing_bundled_file_lists_those_there_are(find):
 
 
 def test_rendering_imports_nothing_but_what_it_needs(run_child):
-    """Neither fitting, training and specialising, nor plotting and metrics."""
+    """Neither fitting, training and specializing, nor plotting and metrics."""
     network = str(bundled_files.network_file("ggx"))
     code = f"""import mi_enhance, mitsuba as mi, sys
 mi.set_variant("llvm_ad_rgb")

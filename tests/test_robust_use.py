@@ -25,7 +25,7 @@ def test_scenes_of_different_networks_do_not_disturb_each_other(llvm):
     """Rendered in turn, and again after the other one is gone."""
     makes = {
         "paper": lambda: material(),
-        "ggx": lambda: Material.network("ggx").edit(rho_d=0.3),
+        "ggx": lambda: Material.pretrained("ggx").edit(rho_d=0.3),
         "none": lambda: analytic(rho_d=0.2),
     }
     alone = {name: image(ball(make().to_dict())) for name, make in makes.items()}
@@ -74,7 +74,7 @@ def test_plugin_module_may_be_loaded_again(llvm):
 def test_a_material_is_copied_and_not_pickled(llvm):
     m = analytic(rho_d=0.3)
     for other in (copy.copy(m), copy.deepcopy(m)):
-        assert other is not m and (other.vector() == m.vector()).all()
+        assert other is not m and (other.as_vector() == m.as_vector()).all()
     with pytest.raises(
         TypeError, match=r"not to be pickled.*material\.save\(path\) here, Material\.load\(path\) there"
     ):

@@ -12,7 +12,7 @@ from .parameters import Parameter
 
 
 class Space:
-    """The space in which parameters are optimised: the logarithm of those that ask for it, a box for all.
+    """The space in which parameters are optimized: the logarithm of those that ask for it, a box for all.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Space:
     Examples
     --------
     >>> space = Space([ALPHA_X, F0])
-    >>> space.back(space.to(np.array([0.1, 0.04])))
+    >>> space.to_physical(space.to_free(np.array([0.1, 0.04])))
     array([0.1 , 0.04])
     """
 
@@ -33,19 +33,19 @@ class Space:
             for p in parameters
         ]
         self._log = np.concatenate([np.full(p.size, p.log) for p in parameters])
-        self.low = self.to(np.concatenate([np.full(p.size, p.low) for p in parameters]))
-        self.high = self.to(np.concatenate([np.full(p.size, p.high) for p in parameters]))
+        self.low = self.to_free(np.concatenate([np.full(p.size, p.low) for p in parameters]))
+        self.high = self.to_free(np.concatenate([np.full(p.size, p.high) for p in parameters]))
 
-    def to(self, physical: np.ndarray) -> np.ndarray:
-        """Physical values, (..., P), to optimised ones."""
+    def to_free(self, physical: np.ndarray) -> np.ndarray:
+        """Physical values, (..., P), to optimized ones."""
         return np.where(self._log, np.log(np.where(self._log, physical, 1)), physical)
 
-    def back(self, optimised):
-        """Optimised values to physical ones: an array (..., P), or a list of P Dr.Jit arrays."""
-        if isinstance(optimised, np.ndarray):
-            return np.where(self._log, np.exp(np.where(self._log, optimised, 0)), optimised)
-        return [dr.exp(v) if log else v for v, log in zip(optimised, self._log, strict=True)]
+    def to_physical(self, optimized):
+        """Optimized values to physical ones: an array (..., P), or a list of P Dr.Jit arrays."""
+        if isinstance(optimized, np.ndarray):
+            return np.where(self._log, np.exp(np.where(self._log, optimized, 0)), optimized)
+        return [dr.exp(v) if log else v for v, log in zip(optimized, self._log, strict=True)]
 
-    def slope(self, optimised: np.ndarray) -> np.ndarray:
-        """Derivatives of the physical values, (..., P), with respect to the optimised ones."""
-        return np.where(self._log, self.back(optimised), 1.0)
+    def slope(self, optimized: np.ndarray) -> np.ndarray:
+        """Derivatives of the physical values, (..., P), with respect to the optimized ones."""
+        return np.where(self._log, self.to_physical(optimized), 1.0)

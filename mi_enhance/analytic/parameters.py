@@ -25,7 +25,7 @@ class Parameter:
     initial : float
         Starting value.
     log : bool
-        Optimise the logarithm. Roughness needs it: dD/d(alpha) is -9e8 at alpha = 0.001.
+        Optimize the logarithm. Roughness needs it: dD/d(alpha) is -9e8 at alpha = 0.001.
     fixed : bool
         Fits and training leave it at its initial value.
     """

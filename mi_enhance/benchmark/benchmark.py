@@ -54,7 +54,7 @@ COLUMNS = {
 
 def bench(
     paths: Sequence[str | Path],
-    out_dir: str | Path,
+    folder: str | Path,
     *,
     resolution: int = 256,
     spp: int = 64,
@@ -69,7 +69,7 @@ def bench(
     ----------
     paths : sequence of str or Path
         RGL ``.bsdf`` files. Errors are means over all of them; run times are those of the first.
-    out_dir : str or Path
+    folder : str or Path
         Folder for ``bench.csv``, ``.json``, ``.md``, ``pareto.png``, ``index.html``, the pictures of each material and
         all fits; with the same settings an interrupted run goes on where it was.
     resolution, spp : int
@@ -90,7 +90,7 @@ def bench(
     Raises
     ------
     ValueError
-        If no file is given, two materials have one name, or `out_dir` holds a run with other settings.
+        If no file is given, two materials have one name, or `folder` holds a run with other settings.
 
     Examples
     --------
@@ -100,16 +100,16 @@ def bench(
     if not names or len(set(names)) < len(names):
         raise ValueError(f"bench(): materials {names} must be at least one and all different. Rename a file.")
     paths = [require_file(path, f'bench("{path}")') for path in paths]
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    _same_settings(out_dir / "settings.json", {"samples": samples, "seed": seed})
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    _same_settings(folder / "settings.json", {"samples": samples, "seed": seed})
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
     fitted, errors = [], []
     for name, path in zip(names, paths, strict=True):
         measured = data.load(path, n_samples=samples, seed=seed, kind="rgl")
-        fitted.append(contenders(path, measured, out_dir / name, seed=seed, log=log))
+        fitted.append(contenders(path, measured, folder / name, seed=seed, log=log))
         unseen = data.load(path, n_samples=_UNSEEN, seed=seed + 1, kind="rgl")
-        errors.append(_errors(fitted[-1], unseen, out_dir / name, resolution, spp, seed, log))
+        errors.append(_errors(fitted[-1], unseen, folder / name, resolution, spp, seed, log))
     rows = [_row(label, [f[label] for f in fitted], [e[label] for e in errors]) for label in fitted[0]]
     by_label = {row["label"]: row for row in rows}
     size = {"resolution": resolution, "spp": spp}
@@ -124,7 +124,7 @@ def bench(
     log("first frames")
     for label, c in fitted[0].items():
         by_label[label] |= first_frames((frame, scenes.shader_ball, c), resolution=128, spp=1)
-    return _write(out_dir, about, names, rows, growth)
+    return _write(folder, about, names, rows, growth)
 
 
 def _same_settings(file: Path, settings: dict) -> None:
@@ -144,7 +144,7 @@ def _errors(fitted: Mapping[str, Contender], unseen, folder: Path, resolution, s
         bsdfs = {label: c.bsdf() for label, c in fitted.items()}
         truth = bsdfs.pop("measured")
         rows = compare(
-            truth, bsdfs, out_dir=folder, resolution=resolution, spp=spp, seed=seed, title=unseen.name, log=log
+            truth, bsdfs, folder=folder, resolution=resolution, spp=spp, seed=seed, title=unseen.name, log=log
         )
         keys = ("ssim", "delta_E_ITP_1000", "mean_abs_log")
         result = {row["label"]: {k: row[k] for k in keys} for row in rows}
@@ -201,17 +201,17 @@ def _add_rates(rows, workers: Workers, kind: str, load: Callable, given: Mapping
 # ---------------------------------------------------------------------- results
 
 
-def _write(out_dir: Path, about: dict, names: list[str], rows: list[dict], growth: list[dict]) -> dict:
+def _write(folder: Path, about: dict, names: list[str], rows: list[dict], growth: list[dict]) -> dict:
     from .page import draw_pareto, write_page
 
     reference = next(row["log_l1"] for row in rows if row["label"] == REFERENCE)
     for row in rows:
         row["error_ratio"] = row["log_l1"] / reference
-    files = {kind: str(path) for kind, path in write_table(rows, out_dir / "bench", COLUMNS).items()}
-    write_table(growth, out_dir / "growth", GROWTH_COLUMNS)
-    draw_pareto(rows, out_dir / "pareto.png", title=f"{', '.join(names)}; {about['cpu']}, {about['cores']} cores")
+    files = {kind: str(path) for kind, path in write_table(rows, folder / "bench", COLUMNS).items()}
+    write_table(growth, folder / "growth", GROWTH_COLUMNS)
+    draw_pareto(rows, folder / "pareto.png", title=f"{', '.join(names)}; {about['cpu']}, {about['cores']} cores")
     result = {"machine": about, "materials": names, "rows": rows, "growth": growth}
     with replacing(Path(files["json"])) as temporary:
         Path(temporary).write_text(json.dumps(result, indent=1) + "\n")
-    write_page(result, out_dir / "index.html", COLUMNS, GROWTH_COLUMNS)
-    return {**result, "files": {**files, "png": str(out_dir / "pareto.png"), "html": str(out_dir / "index.html")}}
+    write_page(result, folder / "index.html", COLUMNS, GROWTH_COLUMNS)
+    return {**result, "files": {**files, "png": str(folder / "pareto.png"), "html": str(folder / "index.html")}}

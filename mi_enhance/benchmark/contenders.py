@@ -85,7 +85,7 @@ def contenders(
     folder.mkdir(parents=True, exist_ok=True)
     ggx = ours("ggx_analytic", lambda: fit(Material.analytic("ggx"), measurements, seed=seed))
     lobe = Material.load(ggx)
-    exact = ours("ggx2", lambda: fit(Material.network(), measurements, seed=seed))
+    exact = ours("ggx2", lambda: fit(Material.pretrained(), measurements, seed=seed))
     m = Material.load(exact)
     result = {REFERENCE: _ours(ggx)}
     for plugin in mitsuba_bsdfs.MITSUBA:
@@ -95,13 +95,13 @@ def contenders(
     result |= {
         EXACT: _ours(exact),
         f"{EXACT}, cooperative": _ours(exact, evaluators="cooperative"),
-        "specialised, max error 0.001": _ours(ours("specialised", lambda: specialize(m, seed=seed))),
+        "specialized, max error 0.001": _ours(ours("specialized", lambda: specialize(m, seed=seed))),
     }
     for size in SIZES:
-        file = ours(f"specialised_{size}", lambda size=size: specialize(m, measurements, size=size, seed=seed))
-        result[f"specialised on the file, {size}-{size}"] = _ours(file)
+        file = ours(f"specialized_{size}", lambda size=size: specialize(m, measurements, size=size, seed=seed))
+        result[f"specialized on the file, {size}-{size}"] = _ours(file)
     for label, network in _NETWORKS.items():
-        file = ours(network, lambda n=network: fit(Material.network(n), measurements, seed=seed))
+        file = ours(network, lambda n=network: fit(Material.pretrained(n), measurements, seed=seed))
         result[label] = _ours(file)
     result[f"{_PAPER}, cooperative"] = _ours(file, evaluators="cooperative")
     result["NBRDF"] = _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), ggx)
@@ -144,18 +144,18 @@ def _load(spec: dict) -> mi.BSDF:
 
 
 def _load_nbrdf(spec: dict) -> mi.BSDF:
-    from ..bsdfs.function import of_function
+    from ..bsdfs.function import function_bsdf
 
     with np.load(spec["network"], allow_pickle=False) as stored:
         f = nbrdf.nbrdf_function({k: stored[k] for k in stored if k[0] in "Wb"}, float(stored["highest"]))
-    return of_function(f, Material.load(spec["lobe"]))
+    return function_bsdf(f, Material.load(spec["lobe"]))
 
 
 def _load_residual(spec: dict) -> mi.BSDF:
-    from ..bsdfs.function import of_function
+    from ..bsdfs.function import function_bsdf
 
     lobe = Material.load(spec["lobe"])
-    return of_function(residual_network.residual_function(lobe, _layers(spec["network"])), lobe)
+    return function_bsdf(residual_network.residual_function(lobe, _layers(spec["network"])), lobe)
 
 
 def _layers(file: str) -> list:
@@ -166,15 +166,15 @@ def _layers(file: str) -> list:
 def _ours(file: Path, *, evaluators: str | None = None) -> Contender:
     m = Material.load(file)
     report, brdf = m.report, m.brdf
-    own = sum(4 * c.n_weights for c in brdf.compact)
+    own = sum(4 * c.n_weights for c in brdf.distilled)
     return Contender(
         _load,
         {"type": "enhanced", "filename": str(file), **({"evaluators": evaluators} if evaluators else {})},
         m.n_bytes + own,
-        0 if brdf.compact else 4 * brdf.n_weights,
+        0 if brdf.distilled else 4 * brdf.n_weights,
         brdf.multiply_adds,
         report["seconds"] + report.get("specialize_seconds", 0),
-        not brdf.compact,
+        not brdf.distilled,
     )
 
 

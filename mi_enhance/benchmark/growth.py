@@ -9,7 +9,7 @@ from .contenders import EXACT, REFERENCE, Contender
 from .jobs import MANY, frame, many, sphere
 from .processes import Workers, first_frames
 
-_GROWING = (REFERENCE, EXACT, "specialised, max error 0.001")
+_GROWING = (REFERENCE, EXACT, "specialized, max error 0.001")
 
 
 GROWTH_COLUMNS = {
@@ -17,7 +17,7 @@ GROWTH_COLUMNS = {
     "value": ("to", "d"),
     **{label: (f"{label}, ms", ".0f") for label in _GROWING},
     "ratio": ("exact to GGX", ".2f"),
-    "ratio_fast": ("specialised to GGX", ".2f"),
+    "ratio_fast": ("specialized to GGX", ".2f"),
 }
 
 

@@ -1,7 +1,7 @@
 """Models that are not ours, made to fit the same measurements: NBRDF, a residual network, BSDFs of Mitsuba.
 
 Each comes with an evaluator in Dr.Jit, so that it renders through the same sampling as ours
-(:func:`mi_enhance.bsdfs.function.of_function`).
+(:func:`mi_enhance.bsdfs.function.function_bsdf`).
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def _front(axes, rows: list[dict], key: str, cost, label: str) -> None:
             lowest = y
     axes.step(*zip(*front, strict=True), where="post", color="tab:orange", lw=1.5, zorder=1)
     for x, y, k in points:
-        ours = "enhanced" in rows[k - 1]["label"] or "specialised" in rows[k - 1]["label"]
+        ours = "enhanced" in rows[k - 1]["label"] or "specialized" in rows[k - 1]["label"]
         colour = "tab:orange" if ours else "tab:blue"
         axes.plot(x, y, "o", color=colour, ms=6, label=f"{k}  {rows[k - 1]['label']}")
         axes.annotate(str(k), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)

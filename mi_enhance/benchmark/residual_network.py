@@ -29,7 +29,7 @@ def train_residual(lobe: Material, measurements: Measurements, *, seed: int = 0)
     """Train what the fitted analytic `lobe` lacks as a small network of this material, added to it and cut off at 0.
 
     The obvious alternative to ours (the paper's Fig. 8), here with a network of its own for each material, which
-    favours it: the same inputs, sizes and optimiser as :func:`mi_enhance.specialization.specialize`.
+    favours it: the same inputs, sizes and optimizer as :func:`mi_enhance.specialization.specialize`.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def train_residual(lobe: Material, measurements: Measurements, *, seed: int = 0)
 
 def residual_function(lobe: Material, layers: list) -> Callable:
     """f(wi, wo) of `lobe` and the network of :func:`train_residual` in Dr.Jit."""
-    params = lobe.lanes()
+    params = lobe.as_drjit()
     dr.make_opaque(params)
 
     def f(wi, wo):
@@ -72,7 +72,7 @@ def residual_function(lobe: Material, layers: list) -> Callable:
 
 def _inputs(lobe: Material, wi, wo, params: Mapping | None = None) -> list:
     """The features that :func:`mi_enhance.specialization.specialize` uses, with those that tell viewer from light."""
-    params = {**(params or lobe.lanes()), "asymmetry": mi.Float(1)}
+    params = {**(params or lobe.as_drjit()), "asymmetry": mi.Float(1)}
     local_i, local_o, _ = geometry.local_directions(wi, wo, params)
     named = inputs_module.named({**geometry.quantities(local_i, local_o), **params})
     return [named[name] for name in ("sin2_h", "lobe", "cos_d", "product", "log_product", "sin_d", "difference")]

@@ -14,7 +14,7 @@ def compare(args: argparse.Namespace) -> dict:
 
     result = compare_files(
         args.data,
-        out_dir=args.output,
+        folder=args.output,
         models=default_models(_network(args.network)),
         method=args.method,
         n_samples=args.samples,

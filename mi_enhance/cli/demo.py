@@ -14,12 +14,12 @@ from .arguments import _set_variant
 _MATERIAL = "ilm_solo_m_68_rgb.bsdf"  # blue metallic paint: plain GGX misses the wide base of its highlight
 
 
-def make_demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
+def make_demo(folder, *, data=None, resolution=256, spp=144, seed=0):
     """Fit plain and enhanced GGX to a measured material, render both beside it, and print a table.
 
     Parameters
     ----------
-    out_dir : str or Path
+    folder : str or Path
         Folder for ``comparison.png``, the renders (``.exr``), the fitted materials (``.bsdf``) and ``table.csv``,
         ``.json``, ``.md``.
     data : str or Path, optional
@@ -45,14 +45,14 @@ def make_demo(out_dir, *, data=None, resolution=256, spp=144, seed=0):
     """
     start = time.perf_counter()
     path = Path(data) if data is not None else demo_data(_MATERIAL)
-    out_dir = Path(out_dir)
-    rows = compare_file(path, out_dir=out_dir, resolution=resolution, spp=spp, seed=seed, log=print)
-    tables = write_table(rows, out_dir / "table")
+    folder = Path(folder)
+    rows = compare_file(path, folder=folder, resolution=resolution, spp=spp, seed=seed, log=print)
+    tables = write_table(rows, folder / "table")
     seconds = time.perf_counter() - start
     columns = {key: value for key, value in COLUMNS.items() if key != "material"}  # one material: the title names it
     title = f"{rows[0]['material']}: {resolution} x {resolution}, {spp} spp, {seconds:.0f} s in all"
     print_table(rows, columns, title=title)
-    result = {"picture": str(out_dir / "comparison.png"), "rows": rows, "seconds": seconds}
+    result = {"picture": str(folder / "comparison.png"), "rows": rows, "seconds": seconds}
     print(f"{result['picture']}\nThe enhanced material is ready for a scene: {rows[-1]['file']}")
     return {**result, "tables": {suffix: str(path) for suffix, path in tables.items()}}
 

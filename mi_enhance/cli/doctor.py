@@ -39,7 +39,7 @@ def examine() -> dict:
         variants = dict(zip(VARIANTS, pool.map(lambda v: _try_in_child(v, "diffuse"), VARIANTS), strict=True))
     best = "cuda_ad_rgb" if variants["cuda_ad_rgb"] == "works" else "llvm_ad_rgb"
     enhanced = _try_in_child(best, "enhanced")
-    found = llvm.found or llvm.Found("", None, "none")
+    found = llvm.found or llvm.LLVMLibrary("", None, "none")
     return {
         "versions": {
             "python": platform.python_version(),

@@ -26,7 +26,7 @@ def fit(args: argparse.Namespace) -> dict:
             measurements,
             method=args.method,
             reciprocal=args.reciprocal,
-            energy=args.energy,
+            bound_energy=args.bound_energy,
             seed=args.seed,
             callback=progress,
         )

@@ -114,7 +114,9 @@ def parser() -> argparse.ArgumentParser:
     p = add("fit", "fit a material to measurements", one, network, method, sampled, device)
     p.add_argument("-o", "--output", metavar="MAT.bsdf", required=True)
     p.add_argument("--reciprocal", action="store_true", help="f(wi, wo) = f(wo, wi), even where the file is not")
-    p.add_argument("--energy", action="store_true", help="reflect no more than is received, for every view and edit")
+    p.add_argument(
+        "--bound-energy", action="store_true", help="reflect no more than is received, for every view and edit"
+    )
 
     p = add("fit-images", "fit the enhanced materials of a scene to photographs of it", network, device)
     p.add_argument("scene", metavar="SCENE.xml", help="geometry and light; its parameter $material gets the network")
@@ -173,7 +175,7 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="take the smaller network that all materials share: for maps and textures; best with DATA",
     )
-    p.add_argument("--undo", action="store_true", help="go back to the exact material of a specialised one")
+    p.add_argument("--undo", action="store_true", help="go back to the exact material of a specialized one")
 
     p = add("convert", "write measurements of any readable kind as a table", one, sampled, device)
     p.add_argument("-o", "--output", metavar="TABLE", required=True, help=".csv or .npz")

@@ -31,11 +31,11 @@ def search(args: argparse.Namespace) -> dict:
             progress=not args.json,
             **{key: _json_or_text(value) for key, value in args.define},
         )
-    found.network.save(output)
-    print(f"{found.network.brdf}\n{output}\n{folder / 'search.png'}")
+    found.material.save(output)
+    print(f"{found.material.brdf}\n{output}\n{folder / 'search.png'}")
     return {
         "output": str(output),
-        "model": str(found.network.brdf),
+        "model": str(found.material.brdf),
         "seconds": time.perf_counter() - start,
         "stages": [{k: v for k, v in s.items() if k != "candidates"} for s in found.stages],
         "pareto": [{k: row[k] for k in ("equation", "loss", "cost")} for row in found.pareto],

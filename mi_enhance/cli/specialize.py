@@ -15,11 +15,11 @@ def specialize(args: argparse.Namespace) -> dict:
 
     material = Material.load(args.file)
     if args.undo:
-        if not material.brdf.compact:
+        if not material.brdf.distilled:
             raise ValueError(
                 f'specialize --undo: "{args.file}" keeps no exact material to go back to. Nothing was written.'
             )
-        material = material.exact
+        material = material.unspecialized
     else:
         measurements = _measurements(args) if args.data else None
         material = specialize(material, measurements, max_error=args.max_error, textured=args.textured, seed=args.seed)

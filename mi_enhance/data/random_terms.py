@@ -15,7 +15,7 @@ from .reference_brdfs import _frame
 def assorted(seed, n_samples=100_000):
     """Draw a material from the many shapes that terms of published models take, and measure it.
 
-    One to three lobes over a diffuse term. Each has one of three distributions (generalised Trowbridge-Reitz, hence GGX
+    One to three lobes over a diffuse term. Each has one of three distributions (generalized Trowbridge-Reitz, hence GGX
     and its longer and shorter tails; hyper-Cauchy in the slope; exponential in the slope), a Fresnel colour that goes
     to white, stays, or shifts through a film's hues, one of three geometric factors, and a free power of the cosines.
     The diffuse term is Lambert's, brightens at the edges or towards the light. What a network learns here is less what
@@ -36,7 +36,7 @@ def assorted(seed, n_samples=100_000):
     ----------
     Burley 2012, *Physically Based Shading at Disney*: GTR, retro-reflective diffuse, sheen. Bagher et al. 2012,
     *Accurate Fitting of Measured Reflectances*: tails between Beckmann and GGX. Neither Ward nor Beckmann here: they
-    test how networks generalise.
+    test how networks generalize.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def assorted(seed, n_samples=100_000):
 
 
 def _distribution(rng, h, alpha_x, alpha_y):
-    """Density of normals of one of three families, normalised at its peak like GGX."""
+    """Density of normals of one of three families, normalized at its peak like GGX."""
     x2 = (h[:, 0] / alpha_x) ** 2 + (h[:, 1] / alpha_y) ** 2
     peak = 1 / (np.pi * alpha_x * alpha_y)
     kind = rng.integers(3)

@@ -74,7 +74,7 @@ def ggx_anisotropic(seed, n_samples=100_000, noise=0.1, max_tilt=0.0):
 def two_lobes(seed, n_samples=100_000):
     """Draw a material with a sharp and a wide lobe, like a coat over paint or a flake in lacquer, and measure it.
 
-    One GGX cannot be such a material: networks that saw only single lobes do not generalise to real ones. Half of the
+    One GGX cannot be such a material: networks that saw only single lobes do not generalize to real ones. Half of the
     materials are isotropic, half of the Fresnel reflectances are those of dielectrics, half coloured like metals.
 
     Parameters

@@ -8,7 +8,7 @@ CSV: one header line, one row per sample, columns in any order:
 
 NPZ: the arrays ``wi`` (N, 3), ``wo`` (N, 3), ``f`` (N, 3).
 
-Directions within 1e-3 of unit length are normalised, others are an error. Rows with a direction at or below the
+Directions within 1e-3 of unit length are normalized, others are an error. Rows with a direction at or below the
 horizon (z <= 0), where f is 0 by definition and teaches nothing, are dropped, and `source` says how many.
 """
 
@@ -149,7 +149,7 @@ def _from_angles(theta, phi):
 
 
 def _unit(v, key, where):
-    """Normalise what is nearly normal; keep what already is."""
+    """Normalize what is nearly normal; keep what already is."""
     with np.errstate(over="ignore"):
         length = np.linalg.norm(v, axis=1)
     bad = ~(np.abs(length - 1) <= _UNIT_TOLERANCE)
@@ -157,6 +157,6 @@ def _unit(v, key, where):
         i = int(np.argmax(bad))
         raise ValueError(
             f"{where}: {key} in row {i + 1} has length {length[i]:.6g}, not 1 (within {_UNIT_TOLERANCE}); "
-            f"{int(bad.sum())} rows are like this. Normalise the directions first."
+            f"{int(bad.sum())} rows are like this. Normalize the directions first."
         )
     return np.where((np.abs(length - 1) > _EXACT)[:, None], v / length[:, None], v)

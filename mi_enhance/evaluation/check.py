@@ -30,14 +30,14 @@ COLUMNS = {"check": ("check", ""), "value": ("found", ".3g"), "allowed": ("allow
 
 
 def check(
-    material: Material, out_dir: str | Path | None = None, *, seed: int = 0, callback: Callable | None = None
+    material: Material, folder: str | Path | None = None, *, seed: int = 0, callback: Callable | None = None
 ) -> dict:
     """Examine a material as it is rendered: its values, its sampling, and the physics it claims.
 
     Parameters
     ----------
     material : Material
-    out_dir : str or Path, optional
+    folder : str or Path, optional
         Where ``check.png`` (albedo over angle, map of the reciprocity error, peak of f) and the table ``check.csv``,
         ``.json``, ``.md`` go; nothing is written if left out.
     seed : int
@@ -89,8 +89,8 @@ def check(
     phi = np.arange(_AZIMUTHS) / _AZIMUTHS * 2 * np.pi
     albedos, peaks = albedo(bsdf, np.cos(np.deg2rad(_ANGLES)), phi)
     largest = float(albedos.max())
-    add("largest albedo", largest, *_claim(material.energy, largest, ALBEDO))
-    params, tests = material.lanes(), []
+    add("largest albedo", largest, *_claim(material.bound_energy, largest, ALBEDO))
+    params, tests = material.as_drjit(), []
     for degrees in _VIEWS:
         callback(f"chi-square at {degrees:g} degrees")
         wi = _direction(np.cos(np.deg2rad(degrees)), _AZIMUTH)
@@ -99,13 +99,13 @@ def check(
     for degrees, result in tests:
         allowed = f"{1 - (1 - SIGNIFICANCE) ** (1 / len(_VIEWS)):.4f}"
         add(f"chi-square at {degrees:g}°, p at least", result["p_value"], allowed, result["passed"])
-    add("density over its integral", max((abs(r["normalisation"] - 1) for _, r in tests), default=0.0) + 1)
+    add("density over its integral", max((abs(r["normalization"] - 1) for _, r in tests), default=0.0) + 1)
     result = {"ok": all(row["verdict"] != "off" for row in rows), "rows": rows, "files": {}}
-    if out_dir is not None:
+    if folder is not None:
         from ..output.table import write_table
         from .check_picture import draw
 
-        folder = Path(out_dir)
+        folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         draw(np.array(_ANGLES), albedos, peaks, reciprocity, folder / "check.png", title=str(material.brdf))
         paths = {**write_table(rows, folder / "check", COLUMNS), "png": folder / "check.png"}
@@ -142,7 +142,7 @@ def _hunt(bsdf: mi.BSDF, material: Material, seed: int) -> dict:
     grazing = lambda: np.exp(rng.uniform(np.log(1e-7), np.log(1e-2), n))  # noqa: E731
     wi = _direction(1 - rng.random(n), phi())
     side = phi()
-    axes = geometry.frame_of(material.lanes())
+    axes = geometry.frame_of(material.as_drjit())
     normal = np.array(axes.n).ravel()
     mirrored = 2 * (wi @ normal)[:, None] * normal - wi
     mirrored += rng.normal(size=(n, 3)) * np.exp(rng.uniform(np.log(1e-8), 0, (n, 1)))  # ever closer to the peak

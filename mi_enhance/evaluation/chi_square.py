@@ -84,14 +84,14 @@ def chi_square(bsdf: mi.BSDF, wi, params, model, *, test_count: int, n: int = _S
     Returns
     -------
     dict or None
-        ``passed``, ``p_value``, ``normalisation`` (the integral of the density over the share of samples above the
+        ``passed``, ``p_value``, ``normalization`` (the integral of the density over the share of samples above the
         horizon), ``message``; None where the view is below the horizon of a tilted normal and nothing is sampled.
 
     Examples
     --------
     >>> from mi_enhance import Material
     >>> m = Material.analytic("ggx")
-    >>> chi_square(m.bsdf(), [0, 0, 1], m.lanes(), m.brdf.model, test_count=1)["passed"]
+    >>> chi_square(m.bsdf(), [0, 0, 1], m.as_drjit(), m.brdf.model, test_count=1)["passed"]
     True
     """
     wi = mi.Vector3f(*map(float, wi))
@@ -116,6 +116,6 @@ def chi_square(bsdf: mi.BSDF, wi, params, model, *, test_count: int, n: int = _S
     return {
         "passed": bool(passed),
         "p_value": float(test.p_value),
-        "normalisation": float(test.pdf_sum[0] / test.histogram_sum[0]),
+        "normalization": float(test.pdf_sum[0] / test.histogram_sum[0]),
         "message": test.messages.strip().replace("\n", " "),
     }

@@ -25,7 +25,7 @@ def compare(
     truth,
     candidates,
     *,
-    out_dir,
+    folder,
     scene="shader_ball",
     resolution=256,
     spp=256,
@@ -42,7 +42,7 @@ def compare(
         The ground truth.
     candidates : dict of str to dict or mi.BSDF
         What is compared, in order; the keys are the labels.
-    out_dir : str or Path
+    folder : str or Path
         Folder for ``comparison.png`` and one ``<label>.exr`` each (linear RGB radiance); made if missing.
     scene : str or Path
         As for `mi_enhance.evaluation.scenes.load`.
@@ -69,7 +69,7 @@ def compare(
 
     Examples
     --------
-    >>> compare({"type": "diffuse"}, {"GGX": {"type": "roughconductor"}}, out_dir="out")  # doctest: +SKIP
+    >>> compare({"type": "diffuse"}, {"GGX": {"type": "roughconductor"}}, folder="out")  # doctest: +SKIP
     """
     bsdfs = {truth_label: truth, **candidates}
     files = {label: f"{_file_name(label)}.exr" for label in bsdfs}
@@ -78,15 +78,15 @@ def compare(
             f"compare(): labels {[truth_label, *candidates]} must be at least two, and differ in letters or digits, "
             "because each names a file. Rename one."
         )
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
 
     images, errors, rows = {}, {}, []
     for label, bsdf in bsdfs.items():
         if log:
             log(f"render {label}: {resolution} x {resolution}, {spp} spp")
         images[label], seconds = _render(bsdf, scene, resolution, spp, seed)
-        _write_exr(images[label], out_dir / files[label])
+        _write_exr(images[label], folder / files[label])
         pair = images[label], images[truth_label]
         errors[label] = image_metrics.delta_E_ITP_map(*pair)
         psnr = image_metrics.psnr(*pair)
@@ -98,11 +98,11 @@ def compare(
                 "psnr": psnr if np.isfinite(psnr) else None,  # JSON knows no infinity
                 "mean_abs_log": image_metrics.mean_abs_log(*pair),
                 **seconds,
-                "image": str(out_dir / files[label]),
+                "image": str(folder / files[label]),
             }
         )
     tiles = [{**row, "image": images[row["label"]], "error": errors[row["label"]]} for row in rows[1:]]
-    comparison_picture.draw((truth_label, images[truth_label]), tiles, out_dir / "comparison.png", title=title)
+    comparison_picture.draw((truth_label, images[truth_label]), tiles, folder / "comparison.png", title=title)
     return rows
 
 
@@ -121,17 +121,17 @@ def default_models(network=None):
     """
     from ..material.material import Material
 
-    return {"GGX": Material.analytic("ggx"), "enhanced GGX": network or Material.network()}
+    return {"GGX": Material.analytic("ggx"), "enhanced GGX": network or Material.pretrained()}
 
 
-def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, seed=0, log=None, **render):
+def compare_file(path, *, folder, models=None, method="lm", n_samples=100_000, seed=0, log=None, **render):
     """Fit models to one measured RGL file and compare them with it.
 
     Parameters
     ----------
     path : str or Path
         RGL ``.bsdf``, which Mitsuba's plugin ``measured`` renders as ground truth.
-    out_dir : str or Path
+    folder : str or Path
         As for `compare`; besides, ``<label>.bsdf`` for each fitted material.
     models : dict of str to Material, optional
         Unfitted materials by label; `default_models` if left out.
@@ -148,13 +148,13 @@ def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, 
 
     Examples
     --------
-    >>> compare_file("mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf", out_dir="out/satin")  # doctest: +SKIP
+    >>> compare_file("mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf", folder="out/satin")  # doctest: +SKIP
     """
     from ..fitting.fit import fit
 
     path = require_file(path, f'compare_file("{path}")')
-    out_dir = Path(out_dir)
-    out_dir.mkdir(parents=True, exist_ok=True)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     measurements = data.load(path, n_samples=n_samples, seed=seed, kind="rgl")
     models = default_models() if models is None else models
     fitted, columns = {}, [{"log_l1": 0.0, "fit_seconds": None, "bytes": path.stat().st_size, "file": str(path)}]
@@ -162,7 +162,7 @@ def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, 
         if log:
             log(f"fit {label} to {len(measurements.f)} samples of {measurements.name}")
         material = fit(model, measurements, method=method, seed=seed)
-        file = out_dir / f"{_file_name(label)}.bsdf"
+        file = folder / f"{_file_name(label)}.bsdf"
         material.save(file)
         fitted[label] = material.bsdf()
         report = material.report
@@ -170,17 +170,17 @@ def compare_file(path, *, out_dir, models=None, method="lm", n_samples=100_000, 
             {"log_l1": report["log_l1"], "fit_seconds": report["seconds"], "bytes": material.n_bytes, "file": str(file)}
         )
     truth = {"type": "measured", "filename": str(path)}
-    rows = compare(truth, fitted, out_dir=out_dir, seed=seed, log=log, title=material_name(path), **render)
+    rows = compare(truth, fitted, folder=folder, seed=seed, log=log, title=material_name(path), **render)
     return [{"material": material_name(path), **row, **column} for row, column in zip(rows, columns, strict=True)]
 
 
-def compare_files(paths, *, out_dir, **settings):
+def compare_files(paths, *, folder, **settings):
     """Run `compare_file` on several measured files and average the figures of each model.
 
     Parameters
     ----------
     paths : list of str or Path
-    out_dir : str or Path
+    folder : str or Path
         One folder for each material, and ``comparison.csv``, ``.json``, ``.md`` with all rows and the means.
     **settings
         As for `compare_file`.
@@ -197,19 +197,19 @@ def compare_files(paths, *, out_dir, **settings):
 
     Examples
     --------
-    >>> compare_files(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], out_dir="out")  # doctest: +SKIP
+    >>> compare_files(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], folder="out")  # doctest: +SKIP
     """
     names = [material_name(path) for path in paths]
     if not names or len(set(names)) != len(names):
         raise ValueError(f"compare_files(): materials {names} must be at least one and all different. Rename a file.")
-    out_dir = Path(out_dir)
+    folder = Path(folder)
     rows = [
         row
         for name, path in zip(names, paths, strict=True)
-        for row in compare_file(path, out_dir=out_dir / name, **settings)
+        for row in compare_file(path, folder=folder / name, **settings)
     ]
     mean = _mean(rows, f"mean of {len(names)}")
-    tables = write_table(rows + mean, out_dir / "comparison")
+    tables = write_table(rows + mean, folder / "comparison")
     return {"rows": rows, "mean": mean, "tables": {suffix: str(path) for suffix, path in tables.items()}}
 
 

@@ -38,7 +38,7 @@ def fit_analytic(brdf: EnhancedBRDF, wi, wo, f, n: int) -> np.ndarray:
     problem = Objective(brdf, wi, wo, f, n)
     space, best = problem.space, None
     for row in analytic_starts(brdf):
-        u = np.tile(space.to(row), (problem.n_problems, 1))
+        u = np.tile(space.to_free(row), (problem.n_problems, 1))
         u, loss = levenberg_marquardt.minimize(
             problem.loss, problem.normal_equations, u, space.low, space.high, steps=30
         )
@@ -46,4 +46,4 @@ def fit_analytic(brdf: EnhancedBRDF, wi, wo, f, n: int) -> np.ndarray:
             best = u, loss
         better = loss < best[1]
         best = np.where(better[:, None], u, best[0]), np.where(better, loss, best[1])
-    return space.back(best[0])
+    return space.to_physical(best[0])

@@ -11,11 +11,11 @@ import numpy as np
 
 from ..analytic import parameters
 from ..data.measurements import Measurements
-from ..material.colour_normalization import normalise, plain
+from ..material.colour_normalization import normalize, plain
 from ..material.material import Material
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
-from ..sampling.mixture_fit import mixture
+from ..sampling.mixture_fit import fit_mixture
 from ..system.variants import require_rgb
 from . import library_prior
 from .losses import log_l1
@@ -32,7 +32,7 @@ def fit(
     *,
     method: str = "lm",
     reciprocal: bool = False,
-    energy: bool = False,
+    bound_energy: bool = False,
     seed: int = 0,
     callback: Callable | None = None,
 ) -> Material:
@@ -41,7 +41,7 @@ def fit(
     Parameters
     ----------
     material : Material
-        A network (``Material.network()``), an analytic model (``Material.analytic("ggx")``), or a fitted material,
+        A network (``Material.pretrained()``), an analytic model (``Material.analytic("ggx")``), or a fitted material,
         whose parameters then are one more start.
     measurements : Measurements
         From :func:`mi_enhance.data.loading.load`.
@@ -51,7 +51,7 @@ def fit(
     reciprocal : bool
         Hold the parameter ``asymmetry`` at 0: f(wi, wo) = f(wo, wi) for all directions, even where the file says
         otherwise. Networks that have no such parameter are reciprocal, or (``inputs="directions"``) cannot be.
-    energy : bool
+    bound_energy : bool
         Bound the directional albedo of the result by 1, even where the file reflects more than it receives: the factors
         of :mod:`mi_enhance.sampling.energy_bound` are put on what was fitted without them.
     seed : int
@@ -66,7 +66,7 @@ def fit(
         analytic model fitted by the same method), ``seconds`` (of all), ``seconds_analytic``, ``n_samples``,
         ``n_parameters``, ``clamped_fraction``, ``method``, ``seed``, ``name``, ``source``, and what the samples say of
         the parameters: ``std`` and ``undetermined`` of :func:`mi_enhance.fitting.uncertainty.determined`. With
-        `energy`, ``log_l1`` is that of the bounded material and ``log_l1_unbounded`` that of the other.
+        `bound_energy`, ``log_l1`` is that of the bounded material and ``log_l1_unbounded`` that of the other.
 
     Raises
     ------
@@ -84,14 +84,14 @@ def fit(
     """
     if method not in METHODS:
         raise ValueError(f'fit(): method "{method}" is unknown. Choose one of: {", ".join(METHODS)}.')
-    if reciprocal and material.brdf.networks and material.brdf.inputs == "directions":
+    if reciprocal and material.brdf.modules and material.brdf.inputs == "directions":
         raise ValueError(
             'fit(): reciprocal=True, but this network reads raw directions (inputs="directions") and tells viewer from '
             "light. Choose a network with symmetric or shape inputs, such as ggx2."
         )
     require_rgb("fit()")
     callback = callback or (lambda *_: None)
-    material = material.exact  # a specialised one holds for its own parameters only
+    material = material.unspecialized  # a specialized one holds for its own parameters only
     start = time.perf_counter()
     hold = ("asymmetry",) if reciprocal else ()
     run = functools.partial(_lm if method == "lm" else _rmsprop, hold=hold)
@@ -100,7 +100,7 @@ def fit(
     vector, loss_analytic = run(analytic, measurements, [_given(analytic, material)], rng, callback)
     seconds_analytic = time.perf_counter() - start
     loss = loss_analytic
-    if material.brdf.networks:
+    if material.brdf.modules:
         first = parameters.flatten(material.brdf.parameters, parameters.initial(material.brdf.parameters))
         first[: len(vector)] = vector
         starts = [_given(material.brdf, material), first]
@@ -127,11 +127,13 @@ def fit(
         "name": measurements.name,
         "source": measurements.source,
     }
-    fitted = normalise(dataclasses.replace(material, params=values, report=report, library=None, energy=False))
+    fitted = normalize(dataclasses.replace(material, params=values, report=report, library=None, bound_energy=False))
     std, undetermined = determined(fitted, measurements, loss, hold)
     report = {**report, "std": std, "undetermined": undetermined}
-    fitted = dataclasses.replace(fitted, report=report, lobe_albedo=albedo.lobe_albedo(fitted), mixture=mixture(fitted))
-    return _bounded(fitted, measurements) if energy else fitted
+    fitted = dataclasses.replace(
+        fitted, report=report, lobe_albedo=albedo.lobe_albedo(fitted), mixture=fit_mixture(fitted)
+    )
+    return _bounded(fitted, measurements) if bound_energy else fitted
 
 
 def _bounded(material: Material, measurements: Measurements) -> Material:

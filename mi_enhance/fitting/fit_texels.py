@@ -20,7 +20,7 @@ from ..sampling import albedo
 from ..system.variants import require_rgb
 from . import library_prior
 from .analytic_fit import analytic_starts
-from .texel_batches import Surface, check
+from .texel_batches import TexelSamples, check
 
 _ANCHORS = 32
 _NEAREST = 8  # training materials an anchor starts from, besides its analytic fit
@@ -50,14 +50,14 @@ def fit_texels(
     Parameters
     ----------
     material : Material
-        A network (``Material.network()``) or an analytic model (``Material.analytic("ggx")``).
+        A network (``Material.pretrained()``) or an analytic model (``Material.analytic("ggx")``).
     wi, wo : array (S, 3), (H, W, S, 3) or (T, S, 3)
         Unit vectors towards viewer and light: the same for all texels, or of each.
     f : array (H, W, S, 3) or (T, S, 3)
         Reflectance of each texel, 1/sr without the cosine, linear RGB, at least 0. T texels become one row.
     smoothness : float
         At least 0. Above, a texel is pulled towards the mean of its neighbours: further sweeps add
-        :math:`\frac{s L}{2P} \sum_p ((u_p - \bar u_p) / \sigma_p)^2` to its loss, with P optimised parameters u, their
+        :math:`\frac{s L}{2P} \sum_p ((u_p - \bar u_p) / \sigma_p)^2` to its loss, with P optimized parameters u, their
         standard deviations :math:`\sigma` over the surface, and L the mean loss of all texels. At 1 a texel that
         differs from its neighbours as much as any two texels do pays half the mean loss for it.
     seed : int
@@ -69,7 +69,7 @@ def fit_texels(
     -------
     maps : MaterialMaps
         All parameters that fits move; ``maps.material.report`` has the mean ``log_l1``, ``log_l1_analytic``,
-        ``seconds``, ``seconds_per_1000``, ``n_texels``, ``n_samples``. Colours are as fitted, not normalised as those
+        ``seconds``, ``seconds_per_1000``, ``n_texels``, ``n_samples``. Colours are as fitted, not normalized as those
         of :func:`mi_enhance.fitting.fit` are.
     errors : dict
         ``log_l1`` and ``log_l1_analytic`` (the model without networks), each (H, W).
@@ -99,17 +99,17 @@ def fit_texels(
         raise ValueError("fit_texels(): smoothness needs neighbours: give f as (H, W, S, 3).")
     start = time.perf_counter()
     rng = np.random.default_rng(seed)
-    surface = Surface(wi, wo, f, shape, rng, progress)
-    material = material.exact
+    surface = TexelSamples(wi, wo, f, shape, rng, progress)
+    material = material.unspecialized
     brdf, analytic = material.brdf, EnhancedBRDF(material.brdf.model, {})
     space = parameter_space.Space(analytic.parameters)
-    starts = space.to(analytic_starts(analytic))
+    starts = space.to_free(analytic_starts(analytic))
     u, loss_analytic = surface.fit(analytic, lambda index: np.tile(starts, (len(index), 1, 1)), _ANALYTIC, "analytic")
     loss, known = loss_analytic, None
-    if brdf.networks:
+    if brdf.modules:
         space = parameter_space.Space(brdf.parameters)
         initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
-        u = np.concatenate([u, np.tile(space.to(initial)[u.shape[1] :], (len(u), 1))], axis=1)
+        u = np.concatenate([u, np.tile(space.to_free(initial)[u.shape[1] :], (len(u), 1))], axis=1)
         known = _known(material, loss_analytic / surface.n)
         u, loss = _enhanced(surface, material, u, known, rng)
     if smoothness:
@@ -127,7 +127,7 @@ def fit_texels(
         "seed": seed,
     }
     errors = {"log_l1": loss.reshape(shape), "log_l1_analytic": loss_analytic.reshape(shape)}
-    return _maps(material, space.back(u).reshape(*shape, -1), report), errors
+    return _maps(material, space.to_physical(u).reshape(*shape, -1), report), errors
 
 
 def log_l1_of_texels(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -155,10 +155,10 @@ def log_l1_of_texels(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray, f: np.n
     if shape != maps.shape:
         raise ValueError(f"log_l1_of_texels(): f is for {shape} texels, the maps have {maps.shape}.")
     brdf = maps.material.brdf
-    surface = Surface(wi, wo, f, shape, np.random.default_rng(0), progress=False)
+    surface = TexelSamples(wi, wo, f, shape, np.random.default_rng(0), progress=False)
     columns = {name: np.broadcast_to(v, (*shape, len(v))) for name, v in maps.material.params.items()} | maps.maps
     u = np.concatenate([columns[p.name] for p in brdf.parameters], axis=2).reshape(len(surface.f), -1)
-    u = parameter_space.Space(brdf.parameters).to(u.astype(np.float64))
+    u = parameter_space.Space(brdf.parameters).to_free(u.astype(np.float64))
     _, loss = surface.fit(brdf, lambda index: u[index][:, None], _AS_IT_IS, "")
     return loss.reshape(shape)
 
@@ -172,13 +172,13 @@ def _known(material: Material, weight: np.ndarray) -> Callable | None:
     return (lambda index: library_prior.from_library(material, weight[index])) if material.library is not None else None
 
 
-def _enhanced(surface: Surface, material: Material, u, known, rng) -> tuple[np.ndarray, np.ndarray]:
+def _enhanced(surface: TexelSamples, material: Material, u, known, rng) -> tuple[np.ndarray, np.ndarray]:
     """Anchors first, then all texels, from their analytic fits `u`, completed."""
     brdf = material.brdf
     anchors = rng.choice(len(u), min(_ANCHORS, len(u)), replace=False)
     starts = lambda index: u[index][:, None]  # noqa: E731
     if material.library is not None:
-        library = parameter_space.Space(brdf.parameters).to(np.asarray(material.library, np.float64))
+        library = parameter_space.Space(brdf.parameters).to_free(np.asarray(material.library, np.float64))
         starts = lambda index: np.concatenate(  # noqa: E731
             [u[index][:, None], surface.nearest(brdf, index, library, _NEAREST)], axis=1
         )
@@ -193,7 +193,7 @@ def _enhanced(surface: Surface, material: Material, u, known, rng) -> tuple[np.n
     return surface.fit(brdf, seen, _QUICK, "enhanced", known=known)
 
 
-def _smoothed(surface: Surface, brdf: EnhancedBRDF, u, loss, known, smoothness) -> tuple[np.ndarray, np.ndarray]:
+def _smoothed(surface: TexelSamples, brdf: EnhancedBRDF, u, loss, known, smoothness) -> tuple[np.ndarray, np.ndarray]:
     """Sweeps that pull every texel towards the mean of its neighbours; starts are the texel's own and that mean."""
     for sweep in range(_SWEEPS):
         mean = _neighbours(u.reshape(*surface.shape, -1)).reshape(u.shape)

@@ -18,7 +18,7 @@ _WEIGHT = 4e-5
 
 @dataclasses.dataclass(frozen=True)
 class Prior:
-    """A Gaussian over the optimised parameters, added to the loss of every problem.
+    """A Gaussian over the optimized parameters, added to the loss of every problem.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
         Of the prior, beside a mean loss; of each problem.
     """
     space = parameter_space.Space(material.brdf.parameters)
-    u = space.to(np.asarray(material.library, np.float64))
+    u = space.to_free(np.asarray(material.library, np.float64))
     free = np.concatenate(
         [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]
     )

@@ -22,13 +22,13 @@ def _lm(brdf, measurements, starts, rng, callback, library=None, known=None, *, 
     """Search on a subset from many starts at once, then polish the best on everything."""
     n = len(measurements.f)
     order = rng.permutation(n)
-    stage = "analytic" if not brdf.networks else "enhanced"
-    if not brdf.networks:
+    stage = "analytic" if not brdf.modules else "enhanced"
+    if not brdf.modules:
         starts = [*starts, *analytic_starts(brdf)]
     elif library is not None:
         starts = [*starts, *_nearest(brdf, measurements, library, order[:1024])]
     space = parameter_space.Space(brdf.parameters, hold)
-    u, losses, used = space.to(np.array(starts)), None, 0
+    u, losses, used = space.to_free(np.array(starts)), None, 0
     for samples, survivors, steps in _STAGES:
         if used == n:
             break  # a later stage would see the same samples
@@ -48,7 +48,7 @@ def _lm(brdf, measurements, starts, rng, callback, library=None, known=None, *, 
             callback=_reporter(callback, f"{stage}, {used} samples"),
         )
     best = int(np.argmin(losses))
-    return space.back(u[best]), losses[best] - (known.loss(u[best : best + 1])[0] if known else 0)
+    return space.to_physical(u[best]), losses[best] - (known.loss(u[best : best + 1])[0] if known else 0)
 
 
 def _reporter(callback: Callable, stage: str) -> Callable:
@@ -58,5 +58,5 @@ def _reporter(callback: Callable, stage: str) -> Callable:
 def _nearest(brdf, measurements, library: np.ndarray, index: np.ndarray) -> np.ndarray:
     """The training materials that explain the measurements best as they are."""
     candidates = objective(brdf, measurements, len(library), index)
-    losses = candidates.loss(candidates.space.to(np.asarray(library, np.float64)))
+    losses = candidates.loss(candidates.space.to_free(np.asarray(library, np.float64)))
     return library[np.argsort(losses)[:_NEAREST]]

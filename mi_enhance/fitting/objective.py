@@ -42,7 +42,7 @@ class Objective:
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)
         if evaluators is None:
-            evaluators = trainable.Trainable(brdf.networks)
+            evaluators = trainable.Trainable(brdf.modules)
             dr.disable_grad(evaluators.weights)
         self.evaluators = evaluators
         self._truth = [dr.log(1 + c * wo.z) for c in f]
@@ -57,7 +57,7 @@ class Objective:
     def residuals(self, u: np.ndarray) -> list[mi.Float]:
         """Signed differences of the logarithms, one array of B * n lanes per channel, for parameters (B, P)."""
         with dr.suspend_grad():
-            params = parameters.unflatten(self.brdf.parameters, self.space.back(self._lanes(u)))
+            params = parameters.unflatten(self.brdf.parameters, self.space.to_physical(self._lanes(u)))
             return self._residual(self.brdf(self.wi, self.wo, params, self.evaluators))
 
     def loss(self, u: np.ndarray) -> np.ndarray:
@@ -85,7 +85,7 @@ class Objective:
         """
         p_leaves = self._lanes(u)
         dr.enable_grad(p_leaves)
-        params = parameters.unflatten(self.brdf.parameters, self.space.back(p_leaves))
+        params = parameters.unflatten(self.brdf.parameters, self.space.to_physical(p_leaves))
         graph, record, active = self.brdf.prepare(self.wi, self.wo, params, self.evaluators)
         colours = parameters.colours(self.brdf.parameters)
         # What lies below the colours is a scalar: one backward pass through the networks serves all three channels.
@@ -127,7 +127,7 @@ class Objective:
         Parameters
         ----------
         flat : mi.Float, P * B entries
-            Optimised parameters, parameter after parameter, with gradients enabled.
+            Optimized parameters, parameter after parameter, with gradients enabled.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class Objective:
         """
         problem = dr.arange(mi.UInt32, self.n_problems)
         u = [dr.gather(mi.Float, flat, problem + k * self.n_problems) for k in range(self.brdf.n_parameters)]
-        params = parameters.unflatten(self.brdf.parameters, self.space.back(u))
+        params = parameters.unflatten(self.brdf.parameters, self.space.to_physical(u))
         folded = self.brdf.fold(params, self.evaluators)
         # What belongs to a problem becomes B * n lanes wide by hand, so that its gradient is summed in one go below.
         narrow = [*_arrays(params), *(v for bias in folded.values() for v in bias)]

@@ -22,14 +22,14 @@ def _rmsprop(
     del starts, rng, library, known  # the paper starts every material from the same values
     problem = objective(brdf, measurements)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
-    optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to(first).astype(np.float32))})
+    optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to_free(first).astype(np.float32))})
 
     def report(step, loss):
         if step % 50 == 0:
             callback("rmsprop", step, float(dr.mean(loss)[0]))
 
     u = descend(problem, optimizer, parameter_space.Space(brdf.parameters, hold), epochs, report)
-    return problem.space.back(u), float(problem.loss(u[None])[0])
+    return problem.space.to_physical(u), float(problem.loss(u[None])[0])
 
 
 def descend(problem: Objective, optimizer, space: parameter_space.Space, steps: int, callback: Callable) -> np.ndarray:

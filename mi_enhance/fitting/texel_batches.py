@@ -17,7 +17,7 @@ _LANES = 1 << 17  # samples fitted together: bounds the memory, 110 MB of Jacobi
 _SCREEN = 16  # samples by which starts are compared as they are
 
 
-class Surface:
+class TexelSamples:
     """Samples of T texels in a random order, and fits of any of them, as many at once as memory allows."""
 
     def __init__(self, wi, wo, f, shape, rng, progress):

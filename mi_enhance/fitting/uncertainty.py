@@ -61,7 +61,7 @@ def determined(
     """
     brdf = material.brdf
     space = parameter_space.Space(brdf.parameters, hold)
-    u = space.to(material.vector())
+    u = space.to_free(material.as_vector())
     spread = (space.high - space.low) / np.sqrt(12)  # of a number anywhere in the range
     free = np.flatnonzero(spread)
     wi, wo, f = (np.ascontiguousarray(a.T) for a in (measurements.wi, measurements.wo, measurements.f))

@@ -82,7 +82,7 @@ def _train(folder: Path, stage: int, digits: states.State, parent: states.State)
     result = {
         "digits": list(digits),
         "stage": stage,
-        "change": states.change(parent, digits, setup.choices),
+        "change": states.describe_change(parent, digits, setup.choices),
         "equation": str(brdf),
         "loss": judge(trainer.result(), trainer.parameters(), aside),
         "training": float(np.mean(losses[-max(1, setup.steps // 10) :])) if losses else None,

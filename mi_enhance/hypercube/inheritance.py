@@ -26,10 +26,10 @@ def inherit(setup: Setup, folder: Path, stage: int, digits: states.State, parent
     What is new starts as what it replaces: a network imitates its term or operator, another analytic term takes the
     parameters with which it resembles the usual one.
     """
-    template = states.build(setup.model, parent, setup.choices, **setup.build)
+    template = states.brdf_of(setup.model, parent, setup.choices, **setup.build)
     before, values = restore(template, candidate_folder(folder, stage - 1, parent) / "checkpoint.npz")
-    brdf = states.build(setup.model, digits, setup.choices, **setup.build)
-    return started(setup, folder, brdf, before.networks), _carry(values, before, brdf)
+    brdf = states.brdf_of(setup.model, digits, setup.choices, **setup.build)
+    return started(setup, folder, brdf, before.modules), _carry(values, before, brdf)
 
 
 def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.ndarray]:
@@ -42,17 +42,17 @@ def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.
         raise ValueError(f"{where}: the parameters are not those of {template}. Remove this file's folder.")
     values = values.astype(np.float64)
     values = values.reshape(template.n_parameters, -1).T.copy()
-    brdf = dataclasses.replace(template, networks=unflatten(template.networks, flat))
-    return brdf, parameter_space.Space(template.parameters).back(values)
+    brdf = dataclasses.replace(template, modules=unflatten(template.modules, flat))
+    return brdf, parameter_space.Space(template.parameters).to_physical(values)
 
 
 def started(setup: Setup, folder: Path, brdf: EnhancedBRDF, kept: Mapping[str, MLP]) -> EnhancedBRDF:
     """`brdf` with the networks of `kept` where they fit, and others that imitate what they replace."""
     networks = {}
-    for slot, mlp in brdf.networks.items():
+    for slot, mlp in brdf.modules.items():
         same = slot in kept and kept[slot].sizes == mlp.sizes
         networks[slot] = kept[slot] if same else _imitation(setup, folder, slot, mlp.sizes[1:-1])
-    return dataclasses.replace(brdf, networks=networks)
+    return dataclasses.replace(brdf, modules=networks)
 
 
 def _carry(old: np.ndarray, before: EnhancedBRDF, brdf: EnhancedBRDF) -> np.ndarray:
@@ -78,7 +78,7 @@ def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -
         taught = imitate(alone, steps=steps, seed=seed)
         file.parent.mkdir(exist_ok=True)
         with replacing(file) as temporary:
-            np.savez(temporary, weights=flatten(taught.networks))
+            np.savez(temporary, weights=flatten(taught.modules))
     where = f'search(): "{file}"'
     weights = npz.numbers(npz.read(file, ["weights"], where), "weights", (alone.n_weights,), where)
-    return unflatten(alone.networks, weights)[slot]
+    return unflatten(alone.modules, weights)[slot]

@@ -23,7 +23,7 @@ def judge(brdf: EnhancedBRDF, values: np.ndarray, samples: TrainingSet) -> float
     losses = []
     for first in range(0, len(values), at_once):
         part = slice(first, first + at_once)
-        losses.append(Objective(brdf, *first_samples(samples, n, part), n).loss(space.to(values[part])))
+        losses.append(Objective(brdf, *first_samples(samples, n, part), n).loss(space.to_free(values[part])))
     mean = float(np.concatenate(losses).mean())
     return mean if np.isfinite(mean) else float("inf")
 

@@ -101,9 +101,9 @@ class LiveTable(Silent):
             loss = result["loss"] if result else None
             unchanged = loss if digits == self._current else unchanged
             table.add_row(
-                states.name(digits),
+                states.state_digits(digits),
                 # [F] is no markup
-                Text(states.change(self._current, digits, self._setup.choices)),
+                Text(states.describe_change(self._current, digits, self._setup.choices)),
                 f"{progress['step']}/{self._setup.steps}" if progress else "waiting",
                 f"{loss:.5f}" if result else (f"({progress['loss']:.5f})" if progress else ""),
                 f"{loss / unchanged:.3f}" if result and unchanged else "",

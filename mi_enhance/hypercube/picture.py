@@ -17,7 +17,7 @@ def draw_search(found, choices: Mapping[str, Sequence], path: str | Path) -> Non
 
     Parameters
     ----------
-    found : Found
+    found : SearchResult
         Result of :func:`mi_enhance.hypercube.search.search`.
     choices : dict of str to sequence
         What may stand in every slot, in the order of the formula.
@@ -29,7 +29,7 @@ def draw_search(found, choices: Mapping[str, Sequence], path: str | Path) -> Non
     >>> draw_search(found, choices, "search.png")  # doctest: +SKIP
     """
     stages = found.stages
-    unit = "ns" if found.network.report["search"]["cost"] == "measured" else "1,000 multiply-adds"
+    unit = "ns" if found.material.report["search"]["cost"] == "measured" else "1,000 multiply-adds"
     with sheet(path, (16, 2.2 + 0.5 * max(len(stages), 5)), 100) as figure:
         left, middle, right = figure.subplots(1, 3, width_ratios=(max(6, len(choices)) * 0.75, 5, 5))
         _states(left, stages, list(choices))

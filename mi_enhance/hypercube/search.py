@@ -33,12 +33,12 @@ from .setup import Setup, candidate_folder, choices_of
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Found:
+class SearchResult:
     """Outcome of a search.
 
     Parameters
     ----------
-    network : Material
+    material : Material
         The enhanced model, ready to fit and render, with the training materials as starts of fits.
     stages : list of dict
         Per stage ``stage``, ``current`` and ``best`` (digits), ``change`` in words, ``equation``, ``loss`` (best),
@@ -47,7 +47,7 @@ class Found:
         Candidates of all stages that no other beats in both loss and cost, cheapest first.
     """
 
-    network: Material
+    material: Material
     stages: list[dict]
     pareto: list[dict]
 
@@ -62,7 +62,7 @@ def search(
     progress: bool = True,
     callback: Callable | None = None,
     **settings,
-) -> Found:
+) -> SearchResult:
     """Find what to replace in an analytic model, or go on where an earlier search in `folder` stopped.
 
     Parameters
@@ -82,13 +82,13 @@ def search(
     progress : bool
         Show a live table.
     callback : callable, optional
-        ``callback(stage)`` with each finished stage, a dictionary as in :class:`Found`.
+        ``callback(stage)`` with each finished stage, a dictionary as in :class:`SearchResult`.
     **settings
         Entries of :data:`DEFAULTS` that differ from it.
 
     Returns
     -------
-    Found
+    SearchResult
 
     Raises
     ------
@@ -105,7 +105,7 @@ def search(
     Examples
     --------
     >>> found = search("ggx", [m1, m2, m3], "out/search", epochs=1)  # doctest: +SKIP
-    >>> print(found.network.brdf)  # doctest: +SKIP
+    >>> print(found.material.brdf)  # doctest: +SKIP
     M + S * D * F * [G] * [1/E]
     """
     folder = Path(folder).resolve()
@@ -127,8 +127,8 @@ def search(
             view.finished(stages)
             if callback:
                 callback(stage)
-    found = Found(_network(setup, folder, stages), stages, pareto(stages))
-    found.network.save(folder / "network.bsdf")
+    found = SearchResult(_network(setup, folder, stages), stages, pareto(stages))
+    found.material.save(folder / "network.bsdf")
     from .picture import draw_search
 
     draw_search(found, setup.choices, folder / "search.png")
@@ -167,7 +167,7 @@ def prepare(folder: Path, settings: dict, materials: list, validation: list) -> 
     if not checkpoint.exists():
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
         setup = Setup.of(folder)
-        brdf = inheritance.started(setup, folder, states.build(setup.model, start, setup.choices, **setup.build), {})
+        brdf = inheritance.started(setup, folder, states.brdf_of(setup.model, start, setup.choices, **setup.build), {})
         samples, _ = setup.samples
         Trainer(brdf, samples, {**settings, "steps": 0}, analytic_start(brdf, samples)).save(checkpoint)
 
@@ -237,7 +237,7 @@ def _stage(setup: Setup, folder: Path, stages: list[dict], executor: Executor | 
 
 def _state_of(setup: Setup, folder: Path, stage: int, digits: states.State) -> tuple[EnhancedBRDF, np.ndarray]:
     """The trained BRDF of a candidate, and the parameters of all materials."""
-    template = states.build(setup.model, digits, setup.choices, **setup.build)
+    template = states.brdf_of(setup.model, digits, setup.choices, **setup.build)
     return inheritance.restore(template, candidate_folder(folder, stage, digits) / "checkpoint.npz")
 
 

@@ -12,7 +12,7 @@ from . import states
 
 
 def candidate_folder(folder: Path, stage: int, digits: states.State) -> Path:
-    return folder / f"stage-{stage:02d}" / states.name(digits)
+    return folder / f"stage-{stage:02d}" / states.state_digits(digits)
 
 
 def model_of(settings: dict) -> models.Model:

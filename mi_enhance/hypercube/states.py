@@ -120,13 +120,13 @@ def chosen(state: State, choices: Mapping[str, Sequence[Choice]]) -> Iterator[tu
             yield slot, options[digit]
 
 
-def build(model: Model, state: State, choices: Mapping[str, Sequence[Choice]], **settings) -> EnhancedBRDF:
+def brdf_of(model: Model, state: State, choices: Mapping[str, Sequence[Choice]], **settings) -> EnhancedBRDF:
     """The BRDF of a state, with Xavier weights; `settings` are those of :func:`mi_enhance.neural.enhanced_brdf`.
 
     Examples
     --------
     >>> from mi_enhance import models
-    >>> print(build(models.get("ward"), (0, 0, 0, 0, 1, 0, 1), choices(models.get("ward")), inputs="shape"))
+    >>> print(brdf_of(models.get("ward"), (0, 0, 0, 0, 1, 0, 1), choices(models.get("ward")), inputs="shape"))
     M + S * [D] * [1/E]
     """
     picked = dict(chosen(state, choices))
@@ -134,24 +134,24 @@ def build(model: Model, state: State, choices: Mapping[str, Sequence[Choice]], *
     return enhance(model, {slot: c for slot, c in picked.items() if isinstance(c, tuple)}, **settings)
 
 
-def name(state: State) -> str:
+def state_digits(state: State) -> str:
     """A state as text that can be a folder: its digits.
 
     Examples
     --------
-    >>> name((0, 1, 0)), name((0, 12, 0))
+    >>> state_digits((0, 1, 0)), state_digits((0, 12, 0))
     ('010', '0-12-0')
     """
     return ("" if max(state) < 10 else "-").join(map(str, state))
 
 
-def change(before: State, after: State, choices: Mapping[str, Sequence[Choice]]) -> str:
+def describe_change(before: State, after: State, choices: Mapping[str, Sequence[Choice]]) -> str:
     """What is done to a state, in words.
 
     Examples
     --------
     >>> from mi_enhance import models
-    >>> change((0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 0, 1), choices(models.get("ward")))
+    >>> describe_change((0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 0, 1), choices(models.get("ward")))
     '[1/E]'
     """
     words = []

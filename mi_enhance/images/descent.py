@@ -68,7 +68,7 @@ class Descent:
         for key, value in values.items():
             if key in known:
                 size = moved[key].size if key in moved else np.size(value)
-                moved[key] = known[key].to(np.broadcast_to(np.asarray(value, np.float64).ravel(), size))
+                moved[key] = known[key].to_free(np.broadcast_to(np.asarray(value, np.float64).ravel(), size))
             else:
                 put(self.params, key, value)
         self._moved = moved
@@ -78,7 +78,7 @@ class Descent:
 
     def values(self) -> dict[str, np.ndarray]:
         """All unknowns, physical and flat."""
-        return {u.key: u.back(self._moved[u.key]) for u in self._all()}
+        return {u.key: u.to_physical(self._moved[u.key]) for u in self._all()}
 
     def _all(self) -> tuple[Unknown, ...]:
         return (*self.unknowns, self.light) if self.light else self.unknowns
@@ -86,14 +86,16 @@ class Descent:
     def _update(self, attach: bool) -> tuple[dict, mi.Float]:
         """Hand the values to the scene; return those that gradients arrive at, and the factor of the light."""
         for u in self.unknowns:
-            put(self.params, u.key, u.back(self._moved[u.key]))
+            put(self.params, u.key, u.to_physical(self._moved[u.key]))
             value = self.params[u.key]
             dr.make_opaque(value)  # data of the compiled function, not part of its code
             if attach:
                 dr.enable_grad(value)
             self.params[u.key] = value
         self.params.update()
-        light = dr.opaque(mi.Float, float(self.light.back(self._moved[self.light.key])[0]) if self.light else 1.0)
+        light = dr.opaque(
+            mi.Float, float(self.light.to_physical(self._moved[self.light.key])[0]) if self.light else 1.0
+        )
         if attach and self.light:
             dr.enable_grad(light)
         return {u.key: self.params[u.key] for u in self.unknowns}, light

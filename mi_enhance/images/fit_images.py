@@ -18,7 +18,7 @@ from . import targets as targets_module
 from . import unknowns as unknown_parameters
 from .descent import Descent
 from .result import RECENT, ImageFit, result
-from .scene_materials import Placed, find
+from .scene_materials import SceneMaterial, find
 from .starts import candidates, with_best_colours
 from .unknowns import Unknown
 from .views import View
@@ -183,7 +183,7 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
     return sought
 
 
-def _starts(descent: Descent, placed: Mapping[str, Placed], train, scale: float, given, seed: int) -> list[dict]:
+def _starts(descent: Descent, placed: Mapping[str, SceneMaterial], train, scale: float, given, seed: int) -> list[dict]:
     """Values to start from, the most promising first; several only where there is a single material."""
     side = np.sqrt(np.mean([v.mask.sum() for v in train]))  # of what counts: the object may be small in the picture
     targets = targets_module.targets(train, max(1, round(side / _START_SIZE)))

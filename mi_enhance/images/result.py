@@ -10,12 +10,12 @@ import numpy as np
 
 from ..evaluation.image_metrics import psnr
 from ..fitting.losses import log_l1
-from ..material.colour_normalization import normalise
+from ..material.colour_normalization import normalize
 from ..material.material import Material
 from ..sampling import albedo
 from . import targets
 from .descent import Descent
-from .scene_materials import Placed
+from .scene_materials import SceneMaterial
 from .views import View
 
 _FINAL_SPP = 128
@@ -50,14 +50,14 @@ class ImageFit:
     renders: list[np.ndarray]
 
 
-def result(descent: Descent, placed: Mapping[str, Placed], views, settings: dict, start: float) -> ImageFit:
+def result(descent: Descent, placed: Mapping[str, SceneMaterial], views, settings: dict, start: float) -> ImageFit:
     """Re-render all views, and say how far they are from the photographs.
 
     Parameters
     ----------
     descent : Descent
         At its end.
-    placed : dict of str to Placed
+    placed : dict of str to SceneMaterial
     views : sequence of View
     settings : dict
     start : float
@@ -83,7 +83,7 @@ def result(descent: Descent, placed: Mapping[str, Placed], views, settings: dict
     materials = {}
     for name, one in placed.items():
         if not one.is_textured:
-            found = normalise(dataclasses.replace(one.read(descent.params), report=_of_material(report), library=None))
+            found = normalize(dataclasses.replace(one.read(descent.params), report=_of_material(report), library=None))
             materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found))
     return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in views])
 

@@ -16,7 +16,7 @@ HELD = ("n_x", "n_y")
 
 
 @dataclasses.dataclass(frozen=True)
-class Placed:
+class SceneMaterial:
     """An enhanced BSDF in a scene: its material, and the key of each of its parameters."""
 
     material: Material
@@ -48,7 +48,7 @@ class Placed:
         return self.material.edit(**values)
 
 
-def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None) -> dict[str, Placed]:
+def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None) -> dict[str, SceneMaterial]:
     """Enhanced BSDFs of a scene, by id.
 
     Parameters
@@ -61,14 +61,14 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
     Raises
     ------
     ValueError
-        If a material is specialised, or one that is given is of no BSDF in the scene or has another model than that.
+        If a material is specialized, or one that is given is of no BSDF in the scene or has another model than that.
     """
     result = {}
     for node in params.hierarchy:
         if type(node).__name__ == "Enhanced":
-            if node.m_material.brdf.compact:
+            if node.m_material.brdf.distilled:
                 raise ValueError(
-                    f'fit_images(): "{node.id()}" is a specialised material, which holds for its own parameters only. '
+                    f'fit_images(): "{node.id()}" is a specialized material, which holds for its own parameters only. '
                     "Use the exact one: mi-enhance specialize FAST.bsdf --undo -o MAT.bsdf"
                 )
             keys = {}
@@ -78,7 +78,7 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
                 for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
                     if key in params:
                         keys[p.name] = key
-            result[node.id() or prefix] = Placed(node.m_material, keys)
+            result[node.id() or prefix] = SceneMaterial(node.m_material, keys)
     for name, material in (given or {}).items():
         if name not in result:
             raise ValueError(
@@ -86,7 +86,7 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
                 f"{', '.join(result) or 'none'}. Give the BSDF that id."
             )
         loaded = result[name].material
-        if str(material.brdf) != str(loaded.brdf) or len(material.vector()) != len(loaded.vector()):
+        if str(material.brdf) != str(loaded.brdf) or len(material.as_vector()) != len(loaded.as_vector()):
             raise ValueError(
                 f'fit_images(): "{name}" is {loaded.brdf} in the scene, but {material.brdf} in materials. '
                 "Load the scene with the same material."

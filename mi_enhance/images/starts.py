@@ -12,7 +12,7 @@ from ..analytic import parameter_space, parameters
 from ..analytic.parameters import FRAME, Parameter
 from ..material.material import Material
 from ..neural.inputs import COLOURLESS
-from .scene_materials import Placed, put
+from .scene_materials import SceneMaterial, put
 from .targets import Target
 
 _LIBRARY = 48  # training materials that are tried, as different from one another as can be
@@ -22,7 +22,7 @@ _SWEEPS = 4  # reweighted least squares towards the L1 solution
 _DARK, _BRIGHT = 1e-4, 1.0
 
 
-def candidates(one: Placed) -> list[Material]:
+def candidates(one: SceneMaterial) -> list[Material]:
     """The material as it is, the starts of its analytic model, and a selection of the training materials."""
     brdf = one.material.brdf
     values = parameters.initial(brdf.parameters)
@@ -41,7 +41,7 @@ def candidates(one: Placed) -> list[Material]:
 def library_shapes(brdf, library: np.ndarray) -> np.ndarray:
     """What tells training materials apart besides their colours, each number over its spread."""
     free = np.concatenate([np.full(p.size, not (p.is_colour or p.fixed)) for p in brdf.parameters])
-    u = parameter_space.Space(brdf.parameters).to(np.asarray(library, np.float64))[:, free]
+    u = parameter_space.Space(brdf.parameters).to_free(np.asarray(library, np.float64))[:, free]
     return (u - u.mean(0)) / (u.std(0) + 1e-6)  # 1e-6: what never varies
 
 
@@ -62,7 +62,7 @@ def spread(x: np.ndarray, n: int) -> list[int]:
 
 
 def with_best_colours(
-    one: Placed,
+    one: SceneMaterial,
     material: Material,
     free: Collection[str],
     params: mi.SceneParameters,
@@ -134,7 +134,7 @@ def _bounded(a: np.ndarray, b: np.ndarray, w: np.ndarray, high: Sequence[float])
 def _linear_colours(material: Material) -> list[Parameter]:
     """Colours in which the BRDF is linear: each the only colour of its terms, and read by no network."""
     brdf = material.brdf
-    if brdf.networks and brdf.inputs not in COLOURLESS:
+    if brdf.modules and brdf.inputs not in COLOURLESS:
         return []
     colours = parameters.colours(brdf.model.parameters)
     factors = [node for node in brdf.model.graph.walk() if not node.args and set(node.inputs) & colours]

@@ -38,7 +38,7 @@ class Unknown:
     Examples
     --------
     >>> u = Unknown("ball.bsdf.alpha", Parameter("alpha", 1, 1e-3, 1.0, 0.2, log=True))
-    >>> u.back(u.to(np.array([0.1])))
+    >>> u.to_physical(u.to_free(np.array([0.1])))
     array([0.1])
     """
 
@@ -57,10 +57,10 @@ class Unknown:
     @property
     def bounds(self) -> tuple[float, float]:
         """Range of what moves."""
-        low, high = self.to(np.array([self.parameter.low, self.parameter.high]))
+        low, high = self.to_free(np.array([self.parameter.low, self.parameter.high]))
         return float(low), float(high)
 
-    def to(self, value: np.ndarray) -> np.ndarray:
+    def to_free(self, value: np.ndarray) -> np.ndarray:
         """Physical values to those that move."""
         value = np.clip(value, self.parameter.low, self.parameter.high)
         if self.parameter.log:
@@ -70,8 +70,8 @@ class Unknown:
             return np.log(share / (1 - share))
         return np.asarray(value, np.float64)
 
-    def back(self, moved: np.ndarray) -> np.ndarray:
-        """The inverse of :meth:`to`; what moved out of its bounds is taken as on them."""
+    def to_physical(self, moved: np.ndarray) -> np.ndarray:
+        """The inverse of :meth:`to_free`; what moved out of its bounds is taken as on them."""
         moved = np.clip(moved, *self.bounds)
         if self.parameter.log:
             moved = np.exp(moved)

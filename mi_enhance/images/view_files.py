@@ -199,8 +199,8 @@ def write_views(views: Sequence[View], folder, *, suffix: str = ".exr") -> Path:
             "camera_angle_x": math.radians(view.fov),
             "w": width,
             "h": height,
-            "cx": view.center[0] * width,
-            "cy": view.center[1] * height,
+            "cx": view.principal_point[0] * width,
+            "cy": view.principal_point[1] * height,
             "split": view.split,
         }
         _write_image(view.image, folder / frame["file_path"])

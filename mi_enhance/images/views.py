@@ -36,7 +36,7 @@ class View:
         What is fitted, or held out and only reported.
     ceiling : float
         Value at which the camera saturates: there the scene may be brighter. 1 for 8-bit images, else infinite.
-    center : (float, float)
+    principal_point : (float, float)
         Where the optical axis meets the image, as shares of width and height from the upper left corner.
 
     Examples
@@ -53,7 +53,7 @@ class View:
     mask: np.ndarray | None = None
     split: str = "train"
     ceiling: float = math.inf
-    center: tuple[float, float] = (0.5, 0.5)
+    principal_point: tuple[float, float] = (0.5, 0.5)
 
     def __post_init__(self):
         if self.mask is None:
@@ -76,8 +76,8 @@ class View:
             "type": "perspective",
             "fov": self.fov,
             "fov_axis": "x",
-            "principal_point_offset_x": 0.5 - self.center[0],
-            "principal_point_offset_y": 0.5 - self.center[1],
+            "principal_point_offset_x": 0.5 - self.principal_point[0],
+            "principal_point_offset_y": 0.5 - self.principal_point[1],
             "to_world": mi.ScalarTransform4f((self.to_world @ _TURN).tolist()),
             "sampler": {"type": "independent"},
             "film": {
@@ -115,5 +115,5 @@ class View:
             mask=blocks(self.mask).all((1, 3)) & ~(rest & ~full).any(-1),
             # the width that is left covers less of the plane in front of the camera
             fov=math.degrees(2 * math.atan(share[0] * math.tan(math.radians(self.fov) / 2))),
-            center=(self.center[0] / share[0], self.center[1] / share[1]),
+            principal_point=(self.principal_point[0] / share[0], self.principal_point[1] / share[1]),
         )

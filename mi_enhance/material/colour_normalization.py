@@ -22,7 +22,7 @@ from .material import Material
 _SAMPLES = 1 << 14
 
 
-def normalise(material: Material) -> Material:
+def normalize(material: Material) -> Material:
     """The same BRDF, with colours as the analytic model would need them to reflect as much.
 
     Parameters
@@ -67,7 +67,7 @@ def _terms(material: Material) -> Iterator[tuple[int, str, parameters.Parameter]
     for k, term in enumerate(_parts(material.brdf.model.graph, "+")):
         slots = [n.name for n in _parts(term, "*") if f"norm_{n.name}" in material.params]
         own = [name for node in term.walk() for name in node.inputs if name in colours]
-        operators = any(n.args and n.name in material.brdf.networks for n in term.walk())
+        operators = any(n.args and n.name in material.brdf.modules for n in term.walk())
         if slots and len(own) == 1 and not operators:  # a network of operands is not linear in them
             yield k, slots[0], colours[own[0]]
 
@@ -84,7 +84,7 @@ def _parts(node: Node, symbol: str) -> Iterator[Node]:
 def _albedos(material: Material) -> list[tuple[float, float]]:
     """Albedo under even light from all sides of every additive term with colour 1: enhanced, analytic."""
     brdf = material.brdf
-    params = material.lanes() | {name: mi.Color3f(1) for name in parameters.colours(brdf.model.parameters)}
+    params = material.as_drjit() | {name: mi.Color3f(1) for name in parameters.colours(brdf.model.parameters)}
     rng = np.random.default_rng(0)
     u = [mi.Float(rng.random(_SAMPLES).astype(np.float32)) for _ in range(5)]
     wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))

@@ -40,8 +40,8 @@ class Material:
     lobe_albedo : float
         Albedo of the specular lobe for rho_s = 1; decides how often it is sampled, see :mod:`mi_enhance.sampling.importance`.
     mixture : Mixture, optional
-        How it is sampled, found by :func:`mi_enhance.sampling.mixture_fit.mixture`; by `lobe_albedo` alone if left out.
-    energy : bool
+        How it is sampled, found by :func:`mi_enhance.sampling.mixture_fit.fit_mixture`; by `lobe_albedo` alone if left out.
+    bound_energy : bool
         Hold the directional albedo at 1 or below, whatever the parameters are edited to, see :mod:`mi_enhance.sampling.energy_bound`.
 
     Examples
@@ -56,7 +56,7 @@ class Material:
     report: dict = dataclasses.field(default_factory=dict)
     library: np.ndarray | None = None
     lobe_albedo: float = 0.1
-    energy: bool = False
+    bound_energy: bool = False
     mixture: Mixture | None = None
 
     def __post_init__(self):
@@ -83,7 +83,7 @@ class Material:
         return Material(enhance(name, replace=()), {})
 
     @staticmethod
-    def network(name: str = DEFAULT_NETWORK) -> Material:
+    def pretrained(name: str = DEFAULT_NETWORK) -> Material:
         """A network shipped with the package, ready to be fitted."""
         return Material.load(network_file(name))
 
@@ -110,23 +110,23 @@ class Material:
 
         Examples
         --------
-        >>> Material.analytic("ward").bounded().energy
+        >>> Material.analytic("ward").bounded().bound_energy
         True
         """
-        return dataclasses.replace(self, energy=True)
+        return dataclasses.replace(self, bound_energy=True)
 
     @property
-    def exact(self) -> Material:
+    def unspecialized(self) -> Material:
         """The material that :func:`mi_enhance.specialization.specialize` made this one from; itself if it is none of those."""
         report = {key: value for key, value in self.report.items() if not key.startswith("specialize_")}
-        return dataclasses.replace(self, brdf=dataclasses.replace(self.brdf, compact=()), report=report)
+        return dataclasses.replace(self, brdf=dataclasses.replace(self.brdf, distilled=()), report=report)
 
     def show(self) -> str:
         """A text: equation, parameters, report."""
         lines = [str(self.brdf)]
         for p in self.brdf.parameters:
             lines.append(f"  {p.name:<8} {' '.join(f'{v:.4g}' for v in self.params[p.name])}")
-        for c in self.brdf.compact:
+        for c in self.brdf.distilled:
             lines.append(
                 f"  {', '.join(c.slots)} from a network {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}"
             )
@@ -134,7 +134,7 @@ class Material:
             f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
             f"inputs: {self.brdf.inputs}"
         )
-        if self.energy:
+        if self.bound_energy:
             lines.append("  energy: directional albedo at most 1")
         undetermined = self.report.get("undetermined")
         if undetermined and isinstance(undetermined, list):
@@ -154,13 +154,13 @@ class Material:
         """True if f(wi, wo) = f(wo, wi) by construction: the networks, if any, do not tell viewer from light."""
         return self.brdf.inputs != "directions" and not self.params.get("asymmetry", np.zeros(1)).any()
 
-    def vector(self) -> np.ndarray:
+    def as_vector(self) -> np.ndarray:
         """All parameters in order, float64."""
         return parameters.flatten(self.brdf.parameters, self.params)
 
-    def lanes(self) -> dict:
+    def as_drjit(self) -> dict:
         """All parameters by name as Dr.Jit arrays of one lane, as an :class:`EnhancedBRDF` takes them."""
-        return parameters.unflatten(self.brdf.parameters, [mi.Float(float(v)) for v in self.vector()])
+        return parameters.unflatten(self.brdf.parameters, [mi.Float(float(v)) for v in self.as_vector()])
 
     def evaluate(self, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         """Reflectance f_r in 1/sr without the cosine.
@@ -176,9 +176,9 @@ class Material:
             Linear RGB; 0 below the horizon.
         """
         wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
-        params = self.lanes()
+        params = self.as_drjit()
         f = self.brdf(wi, wo, params)
-        if self.energy:
+        if self.bound_energy:
             shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
             bound = energy_bound.table(self.brdf, params, shares)
             f *= energy_bound.factor(bound, wi, params) * energy_bound.factor(bound, wo, params)
@@ -193,8 +193,8 @@ class Material:
         return {
             "type": "enhanced",
             "description": json.dumps(self._description()),
-            "params": mi.Float(self.vector().astype(np.float32)),
-            "weights": mi.Float(np.concatenate([flatten(self.brdf.networks), material_file.flat(self.brdf.compact)])),
+            "params": mi.Float(self.as_vector().astype(np.float32)),
+            "weights": mi.Float(np.concatenate([flatten(self.brdf.modules), material_file.flat(self.brdf.distilled)])),
         }
 
     # ------------------------------------------------------------------ files
@@ -207,12 +207,12 @@ class Material:
         path : str or Path
             Replaced as a whole or not at all.
         """
-        tensors = {"params": self.vector().astype(np.float32)}
-        for slot, mlp in self.brdf.networks.items():
+        tensors = {"params": self.as_vector().astype(np.float32)}
+        for slot, mlp in self.brdf.modules.items():
             for k, (w, b) in enumerate(mlp.layers):
                 tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
-        if self.brdf.compact:
-            tensors["compact"] = material_file.flat(self.brdf.compact)
+        if self.brdf.distilled:
+            tensors["compact"] = material_file.flat(self.brdf.distilled)
         if self.library is not None:
             tensors["library"] = self.library.astype(np.float32)
         with replacing(path) as temporary:
@@ -243,14 +243,14 @@ class Material:
             "model": brdf.model.name,
             "model_text": brdf.model.text,
             "terms": dict(brdf.model.terms),
-            "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.networks.items()},
+            "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.modules.items()},
             "n_latent": brdf.n_latent,
             "inputs": brdf.inputs,
-            "modulated": any(mlp.modulated for mlp in brdf.networks.values()),
+            "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
             "parameters": [[p.name, p.size] for p in brdf.parameters],
-            **({"compact": [c.describe() for c in brdf.compact]} if brdf.compact else {}),
+            **({"compact": [c.describe() for c in brdf.distilled]} if brdf.distilled else {}),
             "lobe_albedo": self.lobe_albedo,
-            "energy": self.energy,
+            "energy": self.bound_energy,
             **({"mixture": self.mixture._asdict()} if self.mixture else {}),
             "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
             "report": self.report,

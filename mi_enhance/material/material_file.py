@@ -50,7 +50,7 @@ def read(path: str | Path) -> dict:
     description = _read_description(arrays["description"].tobytes(), where)
     template = _template(description, where)
     networks = {}
-    for slot, mlp in template.networks.items():
+    for slot, mlp in template.modules.items():
         layers = []
         for k, (w, b) in enumerate(mlp.layers):
             names = f"{slot}.layers.{k}.weights", f"{slot}.layers.{k}.bias"
@@ -61,7 +61,7 @@ def read(path: str | Path) -> dict:
             layers.append(tuple(arrays[name].astype(np.float32) for name in names))
         networks[slot] = dataclasses.replace(mlp, layers=tuple(layers))
     brdf = dataclasses.replace(
-        template, networks=networks, compact=_compact(description, arrays.get("compact"), template, where)
+        template, modules=networks, distilled=_compact(description, arrays.get("compact"), template, where)
     )
     library = arrays.get("library")
     return _assemble(brdf, arrays["params"], description, where, library)
@@ -78,8 +78,8 @@ def from_arrays(description: str, params, weights) -> dict:
         raise ValueError(f"{where}: {len(flat)} weights given, {template.n_weights} expected for {template}.")
     brdf = dataclasses.replace(
         template,
-        networks=unflatten(template.networks, own),
-        compact=_compact(parsed, rest, template, where),
+        modules=unflatten(template.modules, own),
+        distilled=_compact(parsed, rest, template, where),
     )
     return _assemble(brdf, np.asarray(params), parsed, where, None)
 
@@ -128,7 +128,7 @@ def _model(description: dict) -> models.Model:
     return models.from_expression(text) if text else models.registered(description["model"])
 
 
-def flat(networks: tuple[distilled_network.Compact, ...]) -> np.ndarray:
+def flat(networks: tuple[distilled_network.DistilledNetwork, ...]) -> np.ndarray:
     return np.concatenate([np.zeros(0, np.float32), *(c.flat for c in networks)])
 
 
@@ -173,7 +173,7 @@ def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: 
         "report": report,
         "library": library,
         "lobe_albedo": float(lobe_albedo),
-        "energy": energy,
+        "bound_energy": energy,
         "mixture": mixture,
     }
 

@@ -36,7 +36,7 @@ class MaterialMaps:
     Raises
     ------
     ValueError
-        For no map at all, an unknown name, a wrong shape, NaN or infinity, a specialised material.
+        For no map at all, an unknown name, a wrong shape, NaN or infinity, a specialized material.
 
     Examples
     --------
@@ -170,13 +170,15 @@ def _digest(material: Material) -> str:
     text = json.dumps(
         [brdf.model.name, brdf.model.text, str(brdf), brdf.inputs, [[p.name, p.size] for p in brdf.parameters]]
     )
-    return digest(text.encode(), mlp.flatten(brdf.networks).tobytes())
+    return digest(text.encode(), mlp.flatten(brdf.modules).tobytes())
 
 
 def _checked(material: Material, maps: Mapping, where: str) -> dict[str, np.ndarray]:
     """The maps in the order of the parameters, or an error."""
-    if material.brdf.compact:
-        raise ValueError(f"{where}: a specialised material holds for one set of parameters. Give material.exact.")
+    if material.brdf.distilled:
+        raise ValueError(
+            f"{where}: a specialized material holds for one set of parameters. Give material.unspecialized."
+        )
     sizes = {p.name: p.size for p in material.brdf.parameters}
     unknown = sorted(set(maps) - set(sizes))
     if unknown:

@@ -17,7 +17,7 @@ from . import inputs as inputs_module
 
 
 @dataclasses.dataclass(frozen=True)
-class Compact:
+class DistilledNetwork:
     """One network of the directions, whose outputs are the logarithms of several slots.
 
     Parameters
@@ -32,7 +32,7 @@ class Compact:
 
     Examples
     --------
-    >>> c = Compact(("B",), ("cos_d",), ((np.ones((2, 1)), np.zeros(2)), (np.array([[0, 1, 0]]), np.zeros(1))))
+    >>> c = DistilledNetwork(("B",), ("cos_d",), ((np.ones((2, 1)), np.zeros(2)), (np.array([[0, 1, 0]]), np.zeros(1))))
     >>> c.sizes, c.multiply_adds
     ((1, 2, 1), 3)
     """
@@ -61,7 +61,7 @@ class Compact:
         named = inputs_module.named(record)
         return baked.dense(self.layers, [named[name] for name in self.inputs])
 
-    def without(self, slots: Collection[str], inputs: Collection[str]) -> Compact | None:
+    def without(self, slots: Collection[str], inputs: Collection[str]) -> DistilledNetwork | None:
         """The same network without some outputs, and without inputs that are 0; None if no output is left."""
         rows = [k for k, slot in enumerate(self.slots) if slot not in slots]
         keep = [name not in inputs for name in self.inputs]
@@ -69,7 +69,7 @@ class Compact:
             return None
         *hidden, (w, b) = self.layers
         layers = [(w[:, _columns(w, keep)], b) for w, b in (*hidden, (w[rows], b[rows]))]
-        return Compact(
+        return DistilledNetwork(
             tuple(self.slots[k] for k in rows),
             tuple(name for name, kept in zip(self.inputs, keep, strict=True) if kept),
             tuple(layers),
@@ -87,8 +87,8 @@ class Compact:
         return np.concatenate([v.ravel() for layer in self.layers for v in layer]).astype(np.float32)
 
 
-def restore(descriptions: Sequence[Mapping], flat: np.ndarray) -> tuple[Compact, ...]:
-    """Rebuild what :meth:`Compact.describe` and :attr:`Compact.flat`, one after the other, took apart.
+def restore(descriptions: Sequence[Mapping], flat: np.ndarray) -> tuple[DistilledNetwork, ...]:
+    """Rebuild what :meth:`DistilledNetwork.describe` and :attr:`DistilledNetwork.flat`, one after the other, took apart.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def restore(descriptions: Sequence[Mapping], flat: np.ndarray) -> tuple[Compact,
                 raise ValueError(f"compact network {slots}: {len(flat)} weights are too few")
             layers.append((parts[0].reshape(n, seen), parts[1]))
             start, seen = start + n * (seen + 1), seen + n
-        result.append(Compact(slots, inputs, tuple(layers)))
+        result.append(DistilledNetwork(slots, inputs, tuple(layers)))
     if start != len(flat):
         raise ValueError(f"compact networks: {len(flat)} weights given, {start} needed")
     return tuple(result)

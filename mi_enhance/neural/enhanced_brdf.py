@@ -12,7 +12,7 @@ from ..analytic import geometry, parameters
 from ..analytic.graph import Node
 from ..analytic.models.model import Model
 from . import baked
-from .distilled_network import Compact
+from .distilled_network import DistilledNetwork
 from .inputs import COLOURLESS, names_of_parameters, of_directions, of_parameters
 from .mlp import MLP
 
@@ -33,36 +33,36 @@ class EnhancedBRDF:
     ----------
     model : Model
         The analytic model.
-    networks : dict of str to MLP
-        Networks by slot; an empty one is the analytic model itself.
+    modules : dict of str to MLP
+        Neural modules by slot; an empty one is the analytic model itself.
     n_latent : int
         Number of neural parameters per material.
     inputs : {"symmetric", "shape", "own", "directions"}
         What the networks see, see :mod:`mi_enhance.neural.inputs`.
-    compact : tuple of Compact
-        Small networks that stand in for `networks`, for one set of parameters, see :mod:`mi_enhance.specialization.specialize`.
+    distilled : tuple of DistilledNetwork
+        Small networks that stand in for `modules`, for one set of parameters, see :mod:`mi_enhance.specialization.specialize`.
     """
 
     model: Model
-    networks: Mapping[str, MLP]
+    modules: Mapping[str, MLP]
     n_latent: int = 27
     inputs: str = "symmetric"
-    compact: tuple[Compact, ...] = ()
+    distilled: tuple[DistilledNetwork, ...] = ()
 
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
         """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``norm_B``, ..."""
-        reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
-        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.networks else ()
+        reads_latent = self.n_latent and any(m.n_folded for m in self.modules.values())
+        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.modules else ()
         latent = (parameters.latent(self.n_latent),) if reads_latent else ()
-        norms = (parameters.norm(slot) for slot, mlp in self.networks.items() if mlp.n_folded) if asymmetry else ()
+        norms = (parameters.norm(slot) for slot, mlp in self.modules.items() if mlp.n_folded) if asymmetry else ()
         return (*self.model.parameters, *asymmetry, *latent, *norms)
 
     @property
     def evaluated(self) -> dict[str, MLP]:
         """Those of the networks that no compact one stands in for."""
-        covered = {slot for c in self.compact for name in c.slots for slot in self.model.graph.find(name).slots}
-        return {slot: mlp for slot, mlp in self.networks.items() if slot not in covered}
+        covered = {slot for c in self.distilled for name in c.slots for slot in self.model.graph.find(name).slots}
+        return {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
 
     @property
     def read_by_networks(self) -> tuple[str, ...]:
@@ -74,7 +74,7 @@ class EnhancedBRDF:
     @property
     def n_weights(self) -> int:
         """Floats in all networks."""
-        return sum(m.n_weights for m in self.networks.values())
+        return sum(m.n_weights for m in self.modules.values())
 
     @property
     def n_parameters(self) -> int:
@@ -84,7 +84,7 @@ class EnhancedBRDF:
     @property
     def state(self) -> tuple[int, ...]:
         """Enhancement state: one digit per slot, 1 where a network stands (section 4.1)."""
-        return tuple(int(slot in self.networks) for slot in self.model.graph.slots)
+        return tuple(int(slot in self.modules) for slot in self.model.graph.slots)
 
     @property
     def multiply_adds(self) -> int:
@@ -95,7 +95,7 @@ class EnhancedBRDF:
         >>> enhance("ggx").multiply_adds
         4480
         """
-        total = sum(c.multiply_adds for c in self.compact)
+        total = sum(c.multiply_adds for c in self.distilled)
         colours = parameters.colours(self.model.parameters)
         for slot, mlp in self.evaluated.items():
             sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])
@@ -105,7 +105,7 @@ class EnhancedBRDF:
         return total
 
     def __str__(self) -> str:
-        return str(self.model.graph.replace(dict.fromkeys(self.networks)))
+        return str(self.model.graph.replace(dict.fromkeys(self.modules)))
 
     def evaluators(self, kind: type = baked.Baked) -> dict:
         """One evaluator per slot: ``nn.Baked`` or ``nn.Cooperative``."""
@@ -129,7 +129,7 @@ class EnhancedBRDF:
         """
         folded = self._fold(params, evaluators, begun)
         # A network without directions is constant, too, up to its output.
-        return {slot: v if self.networks[slot].varies else evaluators[slot]([], v) for slot, v in folded.items()}
+        return {slot: v if self.modules[slot].varies else evaluators[slot]([], v) for slot, v in folded.items()}
 
     def begin_fold(self, params: Mapping, evaluators: Mapping) -> dict[str, list[mi.Float]]:
         """The part of :meth:`fold` that is the same everywhere; values that vary over the surface are None."""
@@ -180,7 +180,7 @@ class EnhancedBRDF:
         quantities, active = geometry.local_quantities(wi, wo, params)
         record = {**quantities, **params}
         graph = self.model.graph
-        if self.networks:
+        if self.modules:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
             stand_ins = self._functions(record, wi, wo, evaluators, folded)
@@ -201,7 +201,7 @@ class EnhancedBRDF:
         # 1e-3: a Fresnel term or an albedo below it is dark; its logarithm need not be met
         log = lambda v: dr.log(v + 1e-3)  # noqa: E731
         error = 0
-        for slot in self.networks:
+        for slot in self.modules:
             node = self.model.graph.find(slot)
             value = functions[slot](*(a(record) for a in node.args)) if node.args else functions[slot](record)
             error += dr.mean(dr.square(log(value) - log(node(record))), axis=None)
@@ -214,7 +214,7 @@ class EnhancedBRDF:
         functions = {
             slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in self.evaluated
         }
-        for c in self.compact:
+        for c in self.distilled:
             values = [_exp(y, limits.get(slot, _MAX_LOG)) for slot, y in zip(c.slots, c(record), strict=True)]
             functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
         return functions
@@ -229,11 +229,11 @@ class EnhancedBRDF:
         def factors(node: Node) -> list[str]:
             """Networks that are multiplied with one another in `node`; one of an operator takes its operands' place."""
             below = [factors(a) for a in node.args]
-            if node.symbol == "*" and node.name not in self.networks:
+            if node.symbol == "*" and node.name not in self.modules:
                 return [name for names in below for name in names]
             for names in below:
                 close(names)
-            return [node.name] if node.name in self.networks else []
+            return [node.name] if node.name in self.modules else []
 
         close(factors(self.model.graph))
         return result
@@ -242,7 +242,7 @@ class EnhancedBRDF:
         """The callable that stands in for `slot`."""
         if self.model.graph.find(slot).args:
             return lambda a, b: _operator(evaluator, bias, a, b, limit)
-        mlp, name = self.networks[slot], f"norm_{slot}"
+        mlp, name = self.modules[slot], f"norm_{slot}"
 
         def term(record):
             values = evaluator(x, bias) if mlp.varies else bias

@@ -61,7 +61,7 @@ class MLP:
 
 
 def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator, modulated: bool = False) -> MLP:
-    """Xavier (Glorot) uniform weights, zero biases: the paper's initialisation (section 4.3).
+    """Xavier (Glorot) uniform weights, zero biases: the paper's initialization (section 4.3).
 
     A modulated last layer is the one Xavier draws plus, for folded inputs of size 1, as much again.
 

@@ -15,14 +15,14 @@ from ..analytic import parameters
 from .enhanced_brdf import EnhancedBRDF
 
 
-def lean(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[EnhancedBRDF, frozenset[str]]:
+def simplify(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[EnhancedBRDF, frozenset[str]]:
     """Leave out what changes nothing for the given parameters.
 
     Parameters
     ----------
     brdf : EnhancedBRDF
     values : dict of str to array
-        Parameters that are known: the same everywhere on the surface, and not being optimised.
+        Parameters that are known: the same everywhere on the surface, and not being optimized.
 
     Returns
     -------
@@ -35,12 +35,12 @@ def lean(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enhanced
     --------
     >>> from mi_enhance import Material
     >>> m = Material.analytic("ggx2")
-    >>> print(*lean(m.brdf, m.params))  # doctest: +ELLIPSIS
+    >>> print(*simplify(m.brdf, m.params))  # doctest: +ELLIPSIS
     M * B + S * D * F * G * 1/E frozenset({...})
     """
     zero = {name for name, v in values.items() if not np.any(v)}
     left_out = set(parameters.FRAME) if zero.issuperset(parameters.FRAME) else set()
-    networks = dict(brdf.networks)
+    networks = dict(brdf.modules)
     graph = brdf.model.graph.without(_zero_terms(brdf, zero), networks)
     if graph is not None:
         networks = {slot: mlp for slot, mlp in networks.items() if slot in graph.slots}
@@ -52,9 +52,9 @@ def lean(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enhanced
         left_out.add("asymmetry")
         networks = {slot: _without_asymmetry(mlp) if mlp.n_folded else mlp for slot, mlp in networks.items()}
     gone = set(brdf.model.graph.slots) - set(graph.slots)
-    compact = (c.without(gone, ("difference", "log_ratio") if "asymmetry" in left_out else ()) for c in brdf.compact)
+    compact = (c.without(gone, ("difference", "log_ratio") if "asymmetry" in left_out else ()) for c in brdf.distilled)
     model = dataclasses.replace(brdf.model, graph=graph)
-    result = dataclasses.replace(brdf, model=model, networks=networks, compact=tuple(c for c in compact if c))
+    result = dataclasses.replace(brdf, model=model, modules=networks, distilled=tuple(c for c in compact if c))
     return result, frozenset(left_out)
 
 

@@ -1,6 +1,6 @@
 """Levenberg-Marquardt for many small L1 problems at once; knows no optics.
 
-Each problem has its own unknowns, box and damping. L1 is minimised as reweighted least squares: the smooth loss
+Each problem has its own unknowns, box and damping. L1 is minimized as reweighted least squares: the smooth loss
 sqrt(r^2 + epsilon^2) with an epsilon that follows the loss down.
 """
 
@@ -38,7 +38,7 @@ def minimize(
     low, high : array (P,)
         The box.
     steps : int
-        Most linearisations.
+        Most linearizations.
     tolerance : float
         Stop when three steps in a row improve no problem by more than this share.
     callback : callable, optional

@@ -26,7 +26,7 @@ def lobe_albedo(material, n: int = 4096) -> float:
     float
         At least 0.
     """
-    params = material.lanes()
+    params = material.as_drjit()
     u = even_numbers(n)
     wi = mi.Vector3f(0.5, 0, 0.8660254) + dr.zeros(mi.Vector3f, n)
     model = material.brdf.model

@@ -55,7 +55,7 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
     --------
     >>> from mi_enhance import Material
     >>> m = Material.analytic("ward").edit(rho_s=1.0)
-    >>> s = table(m.brdf, m.lanes(), [mi.Float(0.5)])
+    >>> s = table(m.brdf, m.as_drjit(), [mi.Float(0.5)])
     >>> s[0] < 0.5, s[30]
     (True, 1.0)
     """

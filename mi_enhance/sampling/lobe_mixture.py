@@ -21,7 +21,7 @@ NODES = 8  # of a mixture, evenly spaced in the square root of the cosine
 
 
 class Mixture(NamedTuple):
-    """How a material is sampled: found by :func:`mi_enhance.sampling.mixture_fit.mixture`, kept in its file.
+    """How a material is sampled: found by :func:`mi_enhance.sampling.mixture_fit.fit_mixture`, kept in its file.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _STEPS = 30
 _DARK = 0.01  # a colour of 0 counts as this: its lobe, were it edited to 1, is then not all there is
 
 
-def mixture(material) -> Mixture:
+def fit_mixture(material) -> Mixture:
     """Find the mixture of least variance for a material, averaged over the angle of the view.
 
     Parameters
@@ -44,7 +44,7 @@ def mixture(material) -> Mixture:
     Examples
     --------
     >>> from mi_enhance import Material
-    >>> len(mixture(Material.analytic("ggx").edit(rho_d=0, rho_s=1)).scales)
+    >>> len(fit_mixture(Material.analytic("ggx").edit(rho_d=0, rho_s=1)).scales)
     1
     """
     colours, g, densities = _tabulate(material)
@@ -71,7 +71,7 @@ def mixture(material) -> Mixture:
 
 def _tabulate(material) -> tuple[list[float], np.ndarray, np.ndarray]:
     """Strengths of lobes and cosine; |f| cos, and the densities of all candidates, over that of the samples."""
-    params, model = material.lanes(), material.brdf.model
+    params, model = material.as_drjit(), material.brdf.model
     lobes = model.lobes(params)
     colours = [float(dr.mean(rho)[0]) for rho, *_ in lobes] + [float(material.params["rho_d"].mean())]
     # candidates next to one another overlap: every other scale covers them all

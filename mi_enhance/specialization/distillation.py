@@ -1,7 +1,7 @@
 """Small networks learn the factors of a BRDF: Levenberg-Marquardt on all weights, in NumPy.
 
 A few hundred weights and some thousand noiseless samples: second-order steps get in a second where gradient descent
-does not in a minute. The networks are those of :class:`mi_enhance.neural.distilled_network.Compact`: every layer sees all before it.
+does not in a minute. The networks are those of :class:`mi_enhance.neural.distilled_network.DistilledNetwork`: every layer sees all before it.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..neural import inputs as inputs_module
 from ..neural import trainable
-from ..neural.distilled_network import Compact
+from ..neural.distilled_network import DistilledNetwork
 from . import distillation
 
 # A factor that means nothing for f (the diffuse one of a black metal) still follows the exact one a little: an edit of
@@ -24,8 +24,8 @@ class _Problem:
 
     def __init__(self, material: Material, slots: tuple[str, ...], wi: np.ndarray, wo: np.ndarray, truth=None):
         brdf, self.slots, n = material.brdf, slots, len(wi)
-        params = material.lanes()
-        evaluators = trainable.Trainable(brdf.networks)  # baked weights take long to compile outside of a virtual call
+        params = material.as_drjit()
+        evaluators = trainable.Trainable(brdf.modules)  # baked weights take long to compile outside of a virtual call
         dr.disable_grad(evaluators.weights)
         wi, wo_ = (mi.Vector3f(np.ascontiguousarray(w.T)) for w in (wi, wo))
         graph, record, active = brdf.prepare(wi, wo_, params, evaluators)
@@ -60,7 +60,7 @@ class _Problem:
         cos = self.cos[index]
         return np.einsum("nmc,nm,nc->ncm", self.coefficients[index], factor, cos / (1 + f * cos))
 
-    def error(self, compact: tuple[Compact, ...] = ()) -> float:
+    def error(self, compact: tuple[DistilledNetwork, ...] = ()) -> float:
         """Mean absolute difference of log(1 + f cos) to the truth; of the exact material itself without networks."""
         f = self.exact
         if compact:

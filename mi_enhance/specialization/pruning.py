@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..neural.distilled_network import Compact
+from ..neural.distilled_network import DistilledNetwork
 from ..neural.mlp import MLP, SLOPE
 
 Layers = Sequence[tuple[np.ndarray, np.ndarray]]
@@ -36,7 +36,7 @@ def fold(mlp: MLP, constant: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     return layers
 
 
-def prune(slot: str, layers: Layers, inputs: Mapping[str, np.ndarray]) -> Compact:
+def prune(slot: str, layers: Layers, inputs: Mapping[str, np.ndarray]) -> DistilledNetwork:
     """The same function in the form that needs the fewest multiply-adds.
 
     Parameters
@@ -50,7 +50,7 @@ def prune(slot: str, layers: Layers, inputs: Mapping[str, np.ndarray]) -> Compac
 
     Returns
     -------
-    Compact
+    DistilledNetwork
 
     Examples
     --------
@@ -65,7 +65,7 @@ def prune(slot: str, layers: Layers, inputs: Mapping[str, np.ndarray]) -> Compac
         slopes.append(np.where(positive, 1, np.where(negative, SLOPE, np.nan)))  # NaN: not linear
         x = np.where(z > 0, z, SLOPE * z)
     candidates = [
-        Compact((slot,), tuple(inputs), _rewrite(layers, slopes, choice))
+        DistilledNetwork((slot,), tuple(inputs), _rewrite(layers, slopes, choice))
         for choice in itertools.product((False, True), repeat=len(slopes))
     ]
     return min(candidates, key=lambda c: c.multiply_adds)

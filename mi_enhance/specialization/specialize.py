@@ -1,4 +1,4 @@
-"""Specialising: one material's networks become a single small one, with a stated error.
+"""Specializing: one material's networks become a single small one, with a stated error.
 
 For one material all parameters are constants, and what its networks say is a smooth function of the directions alone.
 A network of a tenth of the size learns that function in seconds: least squares on the logarithms of the factors, each
@@ -23,7 +23,7 @@ from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..neural import inputs as inputs_module
 from ..neural import trainable
-from ..neural.distilled_network import Compact
+from ..neural.distilled_network import DistilledNetwork
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..system.variants import require_rgb
 from . import distillation, pruning
@@ -58,7 +58,7 @@ def specialize(
     Parameters
     ----------
     material : Material
-        With networks. It is kept: ``specialize(m).exact`` is `m` again.
+        With networks. It is kept: ``specialize(m).unspecialized`` is `m` again.
     measurements : Measurements, optional
         What it was fitted to: the small network then goes on to follow them, and may become more accurate than the
         networks it comes from.
@@ -95,8 +95,8 @@ def specialize(
 
     Examples
     --------
-    >>> m = specialize(Material.network().edit(rho_s=0.5), max_error=0.01)
-    >>> m.report["specialize_error"] < 0.01, m.brdf.multiply_adds < m.exact.brdf.multiply_adds / 8
+    >>> m = specialize(Material.pretrained().edit(rho_s=0.5), max_error=0.01)
+    >>> m.report["specialize_error"] < 0.01, m.brdf.multiply_adds < m.unspecialized.brdf.multiply_adds / 8
     (True, True)
     """
     if not max_error > 0:
@@ -105,7 +105,7 @@ def specialize(
         raise ValueError(f"specialize(): size must be in 1 to 64 hidden units; got {size}.")
     require_rgb("specialize()")
     start = time.perf_counter()
-    material = material.exact
+    material = material.unspecialized
     if textured:
         return _shared(material, measurements, seed, start)
     slots = _factors(material.brdf)
@@ -126,13 +126,13 @@ def specialize(
         compact = _pruned(material, training)
         network = "exact, without linear units" if compact else "exact"
         error = validation.error(compact) if compact else 0.0
-    brdf, more = dataclasses.replace(material.brdf, compact=compact), {"specialize_max_error": max_error}
+    brdf, more = dataclasses.replace(material.brdf, distilled=compact), {"specialize_max_error": max_error}
     if held_out:
         more |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
-    return _specialised(material, brdf, network, error, start, more)
+    return _specialized(material, brdf, network, error, start, more)
 
 
-def _specialised(material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: dict):
+def _specialized(material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: dict):
     """The material with another BRDF, and a report of what that costs."""
     report = {
         "specialize_network": network,
@@ -144,7 +144,7 @@ def _specialised(material: Material, brdf: EnhancedBRDF, network: str, error: fl
     return dataclasses.replace(material, brdf=brdf, report={**material.report, **report, **more})
 
 
-def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.random.Generator) -> Compact:
+def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.random.Generator) -> DistilledNetwork:
     """A network with two layers of `units` hidden units."""
     spread = {name: v.std() for name, v in training.features.items()}
     inputs = tuple(name for name in _INPUTS if spread.get(name, 0) > _MIN_SPREAD)
@@ -158,7 +158,7 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
     layers, _ = distillation.train(min(trials, key=lambda t: t[1])[0], x, training.of_factors, steps=40)
     if learned:
         layers, _ = distillation.train(layers, (learned.columns(inputs) - mean) / std, learned.of_truth, steps=20)
-    return Compact(training.slots, inputs, tuple(distillation.on_raw_inputs(layers, mean, std)))
+    return DistilledNetwork(training.slots, inputs, tuple(distillation.on_raw_inputs(layers, mean, std)))
 
 
 def _shared(material: Material, measurements: Measurements | None, seed: int, start: float) -> Material:
@@ -166,19 +166,19 @@ def _shared(material: Material, measurements: Measurements | None, seed: int, st
     wi, wo = sample_pairs(_VALIDATION, seed=seed)
     f = _evaluate(material, wi, wo)
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
-    small = fit(Material.network(SHARED), truth, seed=seed)
+    small = fit(Material.pretrained(SHARED), truth, seed=seed)
     error = log_l1(_evaluate(small, wi, wo), f, wo[:, 2])
     more = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
     small = dataclasses.replace(small, report={**material.report, **small.report})
-    return _specialised(small, small.brdf, SHARED, error, start, {**more, _EXACT: material.brdf.multiply_adds})
+    return _specialized(small, small.brdf, SHARED, error, start, {**more, _EXACT: material.brdf.multiply_adds})
 
 
 def _evaluate(material: Material, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """f (N, 3), through a kernel that compiles fast: baked weights outside of a BSDF take LLVM minutes."""
-    evaluators = trainable.Trainable(material.brdf.networks)
+    evaluators = trainable.Trainable(material.brdf.modules)
     dr.disable_grad(evaluators.weights)
     wi, wo = (mi.Vector3f(np.ascontiguousarray(w.T, np.float32)) for w in (wi, wo))
-    return np.array(material.brdf(wi, wo, material.lanes(), evaluators)).T
+    return np.array(material.brdf(wi, wo, material.as_drjit(), evaluators)).T
 
 
 def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):
@@ -191,18 +191,18 @@ def _measured(material: Material, slots: tuple[str, ...], measurements: Measurem
     )
 
 
-def _pruned(material: Material, training: _Problem) -> tuple[Compact, ...]:
+def _pruned(material: Material, training: _Problem) -> tuple[DistilledNetwork, ...]:
     """The exact networks without linear units; none where there are operators, or inputs of another kind."""
     brdf = material.brdf
-    if brdf.inputs != "shape" or not set(training.slots) <= set(brdf.networks):
+    if brdf.inputs != "shape" or not set(training.slots) <= set(brdf.modules):
         return ()
     names = [name for name in inputs_module.NAMES if name in training.features]
-    values = material.lanes()
+    values = material.as_drjit()
     constant = np.array([v[0] for v in inputs_module.of_parameters(values, brdf.inputs, brdf.model)], np.float64)
     inputs = {name: training.features[name] for name in names}
     result = []
     for slot in training.slots:
-        *hidden, (w, b) = pruning.fold(brdf.networks[slot], constant)
+        *hidden, (w, b) = pruning.fold(brdf.modules[slot], constant)
         result.append(pruning.prune(slot, [*hidden, (w, b + material.params[f"norm_{slot}"])], inputs))
     return tuple(result)
 
@@ -210,13 +210,13 @@ def _pruned(material: Material, training: _Problem) -> tuple[Compact, ...]:
 def _factors(brdf: EnhancedBRDF) -> tuple[str, ...]:
     """The slots that one small network can stand in for: of each additive term what holds all its networks."""
     colours = parameters.colours(brdf.model.parameters)
-    wanted = {slot for slot, mlp in brdf.networks.items() if mlp.varies}
+    wanted = {slot for slot, mlp in brdf.modules.items() if mlp.varies}
     result = _covers(brdf.model.graph, wanted)
     for node in result:
         if node.reads(colours):
             raise ValueError(
                 f"specialize(): a network of {brdf} sees colours ({node.name}), so none of the directions alone can "
-                "stand in for it. Specialise a material whose networks see none, such as one of ggx2."
+                "stand in for it. Specialize a material whose networks see none, such as one of ggx2."
             )
     if not result:
         raise ValueError(f"specialize(): {brdf} has no network of the directions: there is nothing to be made cheaper.")

@@ -44,7 +44,7 @@ _FOLDERS = (
 _NAMES = ("libLLVM*.so*", "libLLVM*.dylib", "LLVM-C.dll")
 
 
-class Found(NamedTuple):
+class LLVMLibrary(NamedTuple):
     """The LLVM in use: `path` ("" if Dr.Jit chose it itself), `version` (None if unknown), where it came from."""
 
     path: str
@@ -52,16 +52,18 @@ class Found(NamedTuple):
     origin: str
 
 
-found: Found | None = None  # what prepare() returned, and why it failed: set by mi_enhance/__init__.py, read by doctor
+found: LLVMLibrary | None = (
+    None  # what prepare() returned, and why it failed: set by mi_enhance/__init__.py, read by doctor
+)
 problem = ""
 
 
-def prepare() -> Found:
+def prepare() -> LLVMLibrary:
     """Choose an LLVM, let Dr.Jit load it, and check what it loaded.
 
     Returns
     -------
-    Found
+    LLVMLibrary
         The library in use; ``version`` is None if Dr.Jit has no LLVM at all (and works on a GPU).
 
     Raises
@@ -70,7 +72,7 @@ def prepare() -> Found:
         If ``DRJIT_LIBLLVM_PATH`` names a library that cannot work, or if there is neither a usable LLVM nor a GPU.
     """
     early = "drjit" in sys.modules
-    chosen = Found("", None, "loaded before mi_enhance") if early else _choose()
+    chosen = LLVMLibrary("", None, "loaded before mi_enhance") if early else _choose()
     if not early and chosen.path:
         os.environ[VARIABLE] = chosen.path
 
@@ -88,22 +90,22 @@ def prepare() -> Found:
     return chosen._replace(version=version if version[0] > 0 else None)
 
 
-def _choose() -> Found:
+def _choose() -> LLVMLibrary:
     """Return the library Dr.Jit is to load; an empty path if there is none worth naming."""
     own = os.environ.get(VARIABLE)
     if own:
         return _check_own(own)
     wheel = _in_wheel()
     if wheel:
-        return Found(wheel, _version(wheel), f"wheel {WHEEL}")
+        return LLVMLibrary(wheel, _version(wheel), f"wheel {WHEEL}")
     usable = [(v, p) for p in _in_system() if (v := _version(p)) and v[0] >= OLDEST]
     if usable:
         version, path = max(usable)
-        return Found(path, version, "system")
-    return Found("", None, "none found")
+        return LLVMLibrary(path, version, "system")
+    return LLVMLibrary("", None, "none found")
 
 
-def _check_own(path: str) -> Found:
+def _check_own(path: str) -> LLVMLibrary:
     """Accept the user's setting, or say what is wrong with it."""
     advice = f"Unset {VARIABLE} to let mi_enhance choose, or set it to a libLLVM of version {OLDEST} or newer."
     # A name without a folder is looked up by the dynamic linker: only loading it tells.
@@ -114,14 +116,14 @@ def _check_own(path: str) -> Found:
         raise ImportError(f'mi_enhance: {VARIABLE}="{path}" cannot be loaded as an LLVM library. {advice}')
     if version[0] < OLDEST:
         raise ImportError(f'mi_enhance: {VARIABLE}="{path}" is LLVM {version[0]}, which Dr.Jit cannot use. {advice}')
-    return Found(path, version, f"your {VARIABLE}")
+    return LLVMLibrary(path, version, f"your {VARIABLE}")
 
 
 def _in_wheel() -> str | None:
     """Return the libLLVM of the wheel, from its own list of files: they need not lie under sys.prefix."""
     try:
         files = importlib.metadata.files(WHEEL) or []
-    except importlib.metadata.PackageNotFoundError:
+    except importlib.metadata.PackageNotLLVMLibraryError:
         return None
     libraries = (Path(f.locate()).resolve() for f in files if f.name.startswith("libLLVM"))
     return next((str(p) for p in libraries if p.is_file()), None)
@@ -170,7 +172,7 @@ def _too_early(version: tuple[int, ...]) -> str:
     )
 
 
-def _unusable(version: tuple[int, ...], chosen: Found) -> str:
+def _unusable(version: tuple[int, ...], chosen: LLVMLibrary) -> str:
     """Say that there is no LLVM, or that the chosen one could not be loaded, and which command helps."""
     if chosen.path:
         return (

@@ -6,7 +6,7 @@ import mitsuba as mi
 
 
 def require_rgb(where: str) -> None:
-    """Raise unless a variant is active in which RGB parameters can be optimised."""
+    """Raise unless a variant is active in which RGB parameters can be optimized."""
     variant = mi.variant() or "none"
     if not variant.endswith("_rgb") or "_ad_" not in variant:
         raise RuntimeError(

@@ -50,6 +50,11 @@ def validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> np.
     n = min(_START_SAMPLES, samples.n_samples)
     problem = Objective(brdf, *first_samples(samples, n), n)
     _, losses = levenberg_marquardt.minimize(
-        problem.loss, problem.normal_equations, problem.space.to(start), problem.space.low, problem.space.high, steps=20
+        problem.loss,
+        problem.normal_equations,
+        problem.space.to_free(start),
+        problem.space.low,
+        problem.space.high,
+        steps=20,
     )
     return losses

@@ -37,7 +37,7 @@ def imitate(
         With networks close to the original terms.
     """
     rng = np.random.default_rng(seed)
-    trainable = Trainable(brdf.networks)
+    trainable = Trainable(brdf.modules)
     optimizer = Adam(lr=lr, params={"weights": trainable.weights})
     for step in range(steps):
         wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(batch, seed=rng))
@@ -48,11 +48,11 @@ def imitate(
         optimizer.set_learning_rate(float(lr * 0.5 * (1 + np.cos(np.pi * step / steps))))
         optimizer.step()
         trainable.weights = optimizer["weights"]
-    return dataclasses.replace(brdf, networks=trainable.networks())
+    return dataclasses.replace(brdf, modules=trainable.networks())
 
 
 def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Random parameter vectors, (P, n): uniform (log-uniform where optimised so); neural ones as they start."""
+    """Random parameter vectors, (P, n): uniform (log-uniform where optimized so); neural ones as they start."""
     rows = []
     for p in space:
         for _ in range(p.size):

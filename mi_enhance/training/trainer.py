@@ -31,7 +31,7 @@ _WARM_UP = 200
 
 
 class Trainer:
-    """State of a training: networks, parameters of every material, optimiser.
+    """State of a training: networks, parameters of every material, optimizer.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Trainer:
         self.brdf, self.config, self.samples = brdf, config, samples
         self.n_materials = len(samples.names)
         self.step = 0
-        self.trainable = trainable.Trainable(brdf.networks)
+        self.trainable = trainable.Trainable(brdf.modules)
         self._data = [mi.Float(row) for row in samples.samples]
         self._space = space = parameter_space.Space(brdf.parameters)
         repeat = lambda v: mi.Float(np.repeat(v, self.n_materials).astype(np.float32))  # noqa: E731
@@ -56,8 +56,8 @@ class Trainer:
         self._low, self._high = repeat(space.low), repeat(space.high)
         self.optimizer = Adam(lr=config["lr"])
         self.optimizer["weights"] = self.trainable.weights
-        # all parameters of all materials, parameter after parameter, in the space that is optimised (log alpha)
-        self._start = space.to(start)
+        # all parameters of all materials, parameter after parameter, in the space that is optimized (log alpha)
+        self._start = space.to_free(start)
         self.optimizer["parameters"] = mi.Float(self._start.T.ravel().astype(np.float32))
 
     def _indices(self) -> mi.UInt32:
@@ -109,7 +109,7 @@ class Trainer:
         roughness at its bound.
         """
         brdf, space, n = self.result(), self._space, min(_START_SAMPLES, self.samples.n_samples)
-        u = space.to(self.parameters())
+        u = space.to_free(self.parameters())
         for first in range(0, self.n_materials, _REFIT_AT_ONCE):
             part = slice(first, first + _REFIT_AT_ONCE)
             problem = Objective(brdf, *first_samples(self.samples, n, part), n)
@@ -124,12 +124,12 @@ class Trainer:
 
     def result(self) -> EnhancedBRDF:
         """The BRDF with the current weights."""
-        return dataclasses.replace(self.brdf, networks=self.trainable.networks())
+        return dataclasses.replace(self.brdf, modules=self.trainable.networks())
 
     def parameters(self) -> np.ndarray:
         """Physical parameters of all materials, array (M, n_parameters), float64."""
         flat = np.array(dr.detach(self.optimizer["parameters"]), np.float64).reshape(-1, self.n_materials)
-        return self._space.back(flat.T.copy())
+        return self._space.to_physical(flat.T.copy())
 
     def material(self, curve: list[dict] = ()) -> Material:
         """The network as it is shipped: weights, where fits start, and how it was made, its `curve` included."""
@@ -144,7 +144,7 @@ class Trainer:
         )
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint: weights, parameters, state of the optimiser, step."""
+        """Write a checkpoint: weights, parameters, state of the optimizer, step."""
         arrays = {"step": self.step, "start": self._start}
         for key in ("weights", "parameters"):
             _, _, _, (t, m, v, _) = self.optimizer.state[key]

@@ -255,13 +255,13 @@ def test_G_v_cavity_is_the_twins_and_a_fraction(llvm):
     ],
     ids=["inv_E_pi", "inv_E_ward"],
 )
-def test_other_normalisations_have_a_floor(llvm, f, expected):
+def test_other_normalizations_have_a_floor(llvm, f, expected):
     ci, co = np.geomspace(1e-8, 1, 300).astype(np.float32), np.linspace(0, 1, 300).astype(np.float32)
     got = finite_gradients(getattr(terms, f), mi.Float(ci), mi.Float(co))
     np.testing.assert_allclose(got, expected(ci.astype(np.float64), co.astype(np.float64)), rtol=ROUNDING)
 
 
-def test_normalisation_of_ashikhmin_shirley_has_a_floor(llvm):
+def test_normalization_of_ashikhmin_shirley_has_a_floor(llvm):
     d, i, o = (np.random.default_rng(0).permutation(np.geomspace(1e-8, 1, 300)).astype(np.float32) for _ in range(3))
     got = finite_gradients(terms.inv_E_ashikhmin_shirley, *(mi.Float(v) for v in (d, i, o)))
     expected = twin.inv_E_ashikhmin_shirley(*(v.astype(np.float64) for v in (d, i, o)))

@@ -26,7 +26,7 @@ from mi_enhance.analytic.text_model import toml_model
 from mi_enhance.cli import main
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fitting.fit import fit
-from mi_enhance.material.colour_normalization import normalise
+from mi_enhance.material.colour_normalization import normalize
 from mi_enhance.material.material import Material
 from mi_enhance.neural.mlp import flatten, unflatten
 
@@ -235,7 +235,7 @@ def test_networks_have_the_outputs_of_their_terms(llvm):
     )
     assert str(brdf) == "[M] * [B] + S * [N] * ([D] [+] W)"
     # log(n) / 4 and twist as it is, 3 latent numbers; 7 features of the directions; two operands
-    sizes = {slot: mlp.sizes for slot, mlp in brdf.networks.items()}
+    sizes = {slot: mlp.sizes for slot, mlp in brdf.modules.items()}
     assert sizes == {"M": (5, 4, 3), "B": (12, 4, 1), "N": (5, 4, 1), "D": (12, 4, 1), "D+W": (2, 4, 1)}
     p = materials(brdf.model, 200) | {"latent": np.full((200, 3), 0.5), "asymmetry": np.full((200, 1), 0.1)}
     p |= {f"norm_{slot}": np.zeros((200, 1)) for slot in ("M", "B", "N", "D")}
@@ -243,14 +243,14 @@ def test_networks_have_the_outputs_of_their_terms(llvm):
     assert np.isfinite(f).all() and (f > 0).any()
 
 
-def test_enhanced_model_is_fitted_normalised_saved_and_loaded(llvm, tmp_path):
-    """normalise() scales by a factor of the summand: N, not D, which stands inside of a sum."""
+def test_enhanced_model_is_fitted_normalized_saved_and_loaded(llvm, tmp_path):
+    """normalize() scales by a factor of the summand: N, not D, which stands inside of a sum."""
     brdf = enhance(models.from_expression(TWISTED), ("B", "D", "N"), inputs="shape", hidden=(4,), n_latent=2)
-    flat = flatten(brdf.networks)
+    flat = flatten(brdf.modules)
     flat = flat + np.random.default_rng(0).normal(0, 0.3, flat.shape).astype(np.float32)
-    brdf = dataclasses.replace(brdf, networks=unflatten(brdf.networks, flat))
+    brdf = dataclasses.replace(brdf, modules=unflatten(brdf.modules, flat))
     before = Material(brdf, {"rho_d": (0.1, 0.2, 0.3), "rho_s": (0.2, 0.1, 0.05), "n": 30.0, "twist": -0.5})
-    after = normalise(before)
+    after = normalize(before)
     wi, wo = sample_pairs(300, seed=0, min_cos=0.05)
     np.testing.assert_allclose(after.evaluate(wi, wo), before.evaluate(wi, wo), rtol=1e-4)
     assert not after.params["norm_D"] and after.params["norm_N"] and after.params["norm_B"]

@@ -10,7 +10,7 @@ import mi_enhance as me  # before mitsuba
 import mitsuba as mi  # isort: skip
 import numpy as np
 import pytest
-from mi_enhance.bsdfs.function import of_function
+from mi_enhance.bsdfs.function import function_bsdf
 
 from mi_enhance import Material, data
 from mi_enhance.benchmark import mitsuba_bsdfs, residual_network
@@ -34,7 +34,7 @@ def test_nbrdf_in_drjit_is_the_reader_s(llvm):
     names, networks = nbrdf.read_networks(ROOT / "mi_enhance/bundled/nbrdf/merl.npz")
     network = {k: w[names.index("gold-metallic-paint")] for k, w in networks.items()}
     wi, wo = sample_pairs(2000, seed=1)
-    ours = reflectance(of_function(nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)
+    ours = reflectance(function_bsdf(nbrdf_function(network, 1e4), Material.analytic("ggx")), wi, wo)
     np.testing.assert_allclose(ours, nbrdf.decode(network, wi, wo), rtol=2e-3, atol=1e-4)
 
 
@@ -43,7 +43,7 @@ def test_a_residual_network_is_better_than_what_it_is_added_to(llvm):
     unseen = data.load(FILE, n_samples=3000, seed=1)
     lobe = me.fit(Material.analytic("ggx"), m)
     layers, _ = residual_network.train_residual(lobe, m)
-    both = reflectance(of_function(residual_network.residual_function(lobe, layers), lobe), unseen.wi, unseen.wo)
+    both = reflectance(function_bsdf(residual_network.residual_function(lobe, layers), lobe), unseen.wi, unseen.wo)
     alone = reflectance(lobe.bsdf(), unseen.wi, unseen.wo)
     errors = [log_l1(f, unseen.f, unseen.wo[:, 2]) for f in (both, alone)]
     assert (both >= 0).all() and errors[0] < 0.8 * errors[1]
@@ -70,7 +70,7 @@ def test_principled_fits_paint_better_than_a_conductor(llvm):
 
 def test_the_evaluators_can_be_chosen(llvm):
     wi, wo = sample_pairs(500, seed=0)
-    spec = Material.network("ggx").to_dict()
+    spec = Material.pretrained("ggx").to_dict()
     values = [reflectance(mi.load_dict({**spec, "evaluators": kind}), wi, wo) for kind in ("baked", "cooperative")]
     np.testing.assert_allclose(*values, rtol=1e-3, atol=1e-5)
     with pytest.raises(Exception, match="baked, cooperative"):
@@ -83,11 +83,11 @@ def test_spheres(llvm):
     assert np.isfinite(image).all() and image.std() > 0
 
 
-def test_specialised_of_a_given_size(llvm):
-    m = me.specialize(Material.network("ggx").edit(rho_s=0.5), size=4)
-    assert m.brdf.compact[0].sizes[1:-1] == (4, 4)
+def test_specialized_of_a_given_size(llvm):
+    m = me.specialize(Material.pretrained("ggx").edit(rho_s=0.5), size=4)
+    assert m.brdf.distilled[0].sizes[1:-1] == (4, 4)
     with pytest.raises(ValueError, match="1 to 64"):
-        me.specialize(Material.network("ggx"), size=0)
+        me.specialize(Material.pretrained("ggx"), size=0)
 
 
 def test_settings_of_another_run_are_refused(llvm, tmp_path):

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tests/benchmarks"))  # scripts, not a package
 
 import accuracy  # noqa: E402
-import generalisation  # noqa: E402
+import generalization  # noqa: E402
 import images  # noqa: E402
 import rivals  # noqa: E402
 import structure_floor  # noqa: E402
@@ -35,7 +35,7 @@ def paint(n, seed=0):
     return data.Measurements(wi, wo, reference_brdfs.ggx(wi, wo, **PAINT), "paint")
 
 
-def test_nbrdf_training_generalises_from_a_few_thousand_samples():
+def test_nbrdf_training_generalizes_from_a_few_thousand_samples():
     network, _ = models_of_others.train_nbrdf(paint(4000), epochs=1, min_steps=1500)
     unseen = paint(2000, seed=1)
     loss = log_l1(nbrdf.decode(network, unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
@@ -96,7 +96,7 @@ def test_errors_against_both_truths(llvm):
 
 
 def test_odd_samples_are_what_they_are_called(llvm):
-    retro, plane = (generalisation._CASES[c](FILE, 500, 0) for c in ("only retro-reflective", "only in-plane"))
+    retro, plane = (generalization._CASES[c](FILE, 500, 0) for c in ("only retro-reflective", "only in-plane"))
     assert np.sum(retro.wi * retro.wo, 1).min() > np.cos(np.deg2rad(3.01))
     volume = np.cross(plane.wi, plane.wo)[:, 2]  # of wi, wo and the normal
     assert np.abs(volume).max() < 1e-5

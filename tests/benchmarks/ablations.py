@@ -130,21 +130,21 @@ class Run:
         folder = self._folder(name)
         found = search(self.args.model, self.sources, folder, validation=self.unseen, executor=pool, **settings)
         if name == "search":
-            self.found = list(found.network.brdf.networks)
+            self.found = list(found.material.brdf.modules)
             self.epochs = epochs * len(found.stages)
         last = found.stages[-1]
         row = {
             "row": name,
             "equation": last["equation"],
             "order": ", ".join(s["change"] for s in found.stages),
-            "n_weights": found.network.brdf.n_weights,
+            "n_weights": found.material.brdf.n_weights,
             "cost": last["cost"],
             "epochs": settings["epochs"] * len(found.stages),
             "loss": last["loss"],
             "validation": last["validation"],
             "seconds": sum(s["seconds"] for s in found.stages),
         }
-        return row | self._rgl(found.network, folder)
+        return row | self._rgl(found.material, folder)
 
     def residual(self, name: str) -> dict:
         """The analytic model with a residual network, trained with the same samples and number of steps."""

@@ -20,7 +20,7 @@ from mi_enhance import data, fit
 from mi_enhance.benchmark.timing import machine
 from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
-from mi_enhance.sampling.mixture_fit import mixture
+from mi_enhance.sampling.mixture_fit import fit_mixture
 from mi_enhance.system.files import material_name
 
 _DEGREES = (0, 30, 60, 75, 85, 89)
@@ -32,7 +32,7 @@ _COLUMNS = {
     "configurations": ("configurations", ",d"),
     "failed": ("failed", ",d"),
     "p_value": ("least p-value", ".1e"),
-    "normalisation": ("integral of the density, furthest from 1", ".4f"),
+    "normalization": ("integral of the density, furthest from 1", ".4f"),
 }
 
 
@@ -50,7 +50,7 @@ def main() -> None:
     about = machine()
     materials = {name: variations(shipped) for name, shipped in shipped().items()}
     for file in args.files:
-        materials[material_name(file)] = [fit(Material.network(), data.load(file))]
+        materials[material_name(file)] = [fit(Material.pretrained(), data.load(file))]
     count = len(_DEGREES) * sum(len(group) for group in materials.values())
     rows = []
     for name, group in tqdm(materials.items(), desc="materials"):
@@ -61,7 +61,7 @@ def main() -> None:
                 "configurations": len(found),
                 "failed": sum(not f["passed"] for f in found),
                 "p_value": min(f["p_value"] for f in found),
-                "normalisation": max((f["normalisation"] for f in found), key=lambda v: abs(v - 1)),
+                "normalization": max((f["normalization"] for f in found), key=lambda v: abs(v - 1)),
             }
         )
         print(rows[-1], flush=True)
@@ -83,7 +83,7 @@ def variations(material: Material) -> list[Material]:
         values |= {"n_u": 2 / alpha_x**2, "n_v": 2 / alpha_y**2, "B": 1 / alpha_x**2}
         values |= _TILT if k % 2 else {}
         edited = material.edit(**{name: v for name, v in values.items() if name in own})
-        result += [edited, dataclasses.replace(edited, mixture=mixture(edited))]
+        result += [edited, dataclasses.replace(edited, mixture=fit_mixture(edited))]
     return result
 
 
@@ -92,7 +92,7 @@ def chi_square_at(material: Material, degrees: float, count: int, args) -> dict:
     theta = np.deg2rad(degrees)
     wi = [np.sin(theta) * np.cos(_AZIMUTH), np.sin(theta) * np.sin(_AZIMUTH), np.cos(theta)]
     how = {"test_count": count, "n": args.samples, "seed": args.seed}
-    return chi_square(material.bsdf(), wi, material.lanes(), material.brdf.model, **how)
+    return chi_square(material.bsdf(), wi, material.as_drjit(), material.brdf.model, **how)
 
 
 if __name__ == "__main__":

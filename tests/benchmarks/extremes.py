@@ -62,7 +62,7 @@ def main() -> None:
     for name, material in tqdm(materials.items(), desc="materials"):
         evaluators = lanes.fused(material.brdf)
         for case in tqdm(cases.CASES, desc=name, leave=False):
-            kind = "saturated" if name.endswith("saturated") else "networks" if material.brdf.networks else "analytic"
+            kind = "saturated" if name.endswith("saturated") else "networks" if material.brdf.modules else "analytic"
             row = rows.setdefault((case, kind), {"case": case, "kind": kind, "evaluations": 0, "bad": 0})
             if kind != "saturated":  # of exponents that are cut off, float32 and float64 agree; elsewhere they need not
                 _compare(row, material, case, args)
@@ -88,7 +88,7 @@ def _compare(row: dict, material, case: str, args) -> None:
         "gradient": e.gradient.max(),
         "gradient_99": np.quantile(e.gradient, 0.99),
     }
-    if material.brdf.networks:
+    if material.brdf.modules:
         half = _half_precision(material, case, args)
         figures |= {"half": np.median(half), "half_99": np.quantile(half, 0.99)}
     for key, v in figures.items():

@@ -71,12 +71,12 @@ def main() -> None:
 
 def _methods(measurements, steps: int) -> dict:
     """Functions of the number of steps that return [(seconds, loss on all samples), ...]."""
-    network = Material.network()
+    network = Material.pretrained()
     seconds, analytic = clock(lambda: fit(Material.analytic(network.brdf.model.name), measurements))
     brdf: EnhancedBRDF = network.brdf
     values = {**parameters.initial(brdf.parameters), **analytic.params}
     problem = objective(brdf, measurements)
-    first = problem.space.to(parameters.flatten(brdf.parameters, values))
+    first = problem.space.to_free(parameters.flatten(brdf.parameters, values))
 
     def lm(_):
         # its own analytic fit is among its seconds

@@ -160,7 +160,7 @@ def judge(args, model, photos: list, exact: list[np.ndarray], folder: Path, name
     start, sought, starts, bsdf_of = model(args)
     scene = scenes.load(args.scene, start, resolution=16, spp=1)
     settings = {"stages": args.stages, "seed": args.seed, "unknowns": sought(scene), "starts": starts}
-    materials = {"ball.bsdf": Material.network(args.network)} if label == "enhanced" else None
+    materials = {"ball.bsdf": Material.pretrained(args.network)} if label == "enhanced" else None
     found = fit_images.fit_images(scene, photos, materials=materials, **settings)
     bsdf = bsdf_of(found)
     row = {"fit_seconds": found.report["seconds"], "nonfinite_gradients": found.report["nonfinite_gradients"]}
@@ -216,7 +216,7 @@ def ggx(args) -> tuple:
 
 
 def enhanced(args) -> tuple:
-    network = Material.network(args.network)
+    network = Material.pretrained(args.network)
     return network.to_dict(), unknowns.enhanced, (), lambda found: found.materials["ball.bsdf"].to_dict()
 
 
@@ -251,7 +251,7 @@ MODELS = {"GGX": ggx, "principled": principled, "enhanced": enhanced}
 
 def round_trip(args, folder: Path) -> dict:
     """The enhanced model fitted to photographs of one of its own materials."""
-    network = Material.network(args.network)
+    network = Material.pretrained(args.network)
     k = spread(library_shapes(network.brdf, network.library), 60)[args.seed - 2]
     row = parameters.unflatten(network.brdf.parameters, np.asarray(network.library[k], np.float64))
     # one that is no start: those are the first 48
@@ -265,7 +265,7 @@ def round_trip(args, folder: Path) -> dict:
 
 def restarts(args) -> dict:
     """Steps from parameters at the ends of their ranges, and from random ones."""
-    network = Material.network(args.network)
+    network = Material.pretrained(args.network)
     scene = scenes.load("sphere_envmap", network.to_dict(), resolution=16, spp=1)
     photos = render_views(
         scenes.load("sphere_envmap", {"type": "diffuse"}, resolution=16, spp=1),
@@ -283,7 +283,7 @@ def restarts(args) -> dict:
             low, high = u.bounds
             # a third at the lower end, a third at the upper, a third in between
             place = rng.choice([0, 1, rng.random()], size=descent.values()[u.key].size)
-            values[u.key] = u.back(low + place * (high - low))
+            values[u.key] = u.to_physical(low + place * (high - low))
         descent.put(values)
         for _ in range(4):
             image = descent.step(target, 4, 0.1)

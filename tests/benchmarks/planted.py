@@ -65,7 +65,7 @@ def planted(slot: str, count: int, n_samples: int, seed: int = 0) -> list[Measur
         alpha_x, alpha_y = np.exp(rng.uniform(np.log(0.15), np.log(0.7), 2))
         values = {"n_x": 0.0, "n_y": 0.0, "t_theta": 0.0, "rho_d": rng.uniform(0, 0.1, 3), "rho_s": rng.uniform(1, 6)}
         values |= {"alpha_x": alpha_x, "alpha_y": alpha_y, "F0": rng.uniform(0.05, 0.9)}
-        params = Material(brdf, values).lanes()
+        params = Material(brdf, values).as_drjit()
         wi, wo = sample_pairs(n_samples, seed=rng)
         _, record, active = brdf.prepare(*(mi.Vector3f(w.T) for w in (wi, wo)), params)
         f = np.array(mi.Color3f(graph(record)) & active).T

@@ -171,14 +171,14 @@ def _run_material(start: Material, args) -> Callable:
 
 def evaluate(material: Material, wi, wo) -> np.ndarray:
     """f_r as an array (N, 3), like ``material.evaluate``, whose baked weights take a minute to compile."""
-    evaluators = trainable.Trainable(material.brdf.networks)
+    evaluators = trainable.Trainable(material.brdf.modules)
     dr.disable_grad(evaluators.weights)
     wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
     return np.array(material.brdf(wi, wo, _lanes(material), evaluators)).T
 
 
 def _lanes(material: Material) -> dict:
-    params = material.lanes()
+    params = material.as_drjit()
     dr.make_opaque(params)
     return params
 

@@ -16,7 +16,7 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import drjit as dr  # isort: skip
 import mitsuba as mi
 import numpy as np
-from mi_enhance.bsdfs.function import of_function
+from mi_enhance.bsdfs.function import function_bsdf
 
 from mi_enhance import Material
 from mi_enhance.data.directions import rusinkiewicz_to_directions
@@ -76,7 +76,7 @@ def bsdf(table: np.ndarray, lobe: Material) -> mi.BSDF:
     def f(wi, wo):
         return mi.Color3f([dr.exp(v) - 1 for v in texture.eval(_position(wi, wo))])
 
-    return of_function(f, lobe)
+    return function_bsdf(f, lobe)
 
 
 def _position(wi, wo) -> mi.Point3f:

@@ -39,7 +39,7 @@ class TorchModel:
     brdf : EnhancedBRDF
         GGX with networks in the slots F, F*G, G and 1/E, and symmetric inputs.
     start : array (M, 39)
-        Parameters in the space that is optimised (log alpha).
+        Parameters in the space that is optimized (log alpha).
     wi, wo, f : array (M, n, 3)
     folded : bool
         Whether the inputs that are constant for a material enter the first layer once per material, as in mi_enhance,
@@ -47,11 +47,11 @@ class TorchModel:
     """
 
     def __init__(self, torch, brdf: EnhancedBRDF, start, wi, wo, f, folded: bool):
-        assert set(brdf.networks) == {"F", "F*G", "G", "1/E"} and brdf.inputs == "symmetric"
+        assert set(brdf.modules) == {"F", "F*G", "G", "1/E"} and brdf.inputs == "symmetric"
         self.torch, self.folded = torch, folded
         self.wi, self.wo, self.f = (torch.from_numpy(np.ascontiguousarray(v, np.float32)) for v in (wi, wo, f))
         self.weights = {}
-        for slot, mlp in brdf.networks.items():
+        for slot, mlp in brdf.modules.items():
             (w, b), *rest = mlp.layers
             k = mlp.n_folded if folded else 0
             parts = [w[:, :k], w[:, k:], b, *(v for layer in rest for v in layer)]

@@ -1,6 +1,6 @@
 """Samples/s of training against PyTorch: loss (eq. 1), gradients of all weights and of every material's parameters.
 
-One step is forward and backward of all four networks of the paper's enhanced GGX; the optimiser is left out on both
+One step is forward and backward of all four networks of the paper's enhanced GGX; the optimizer is left out on both
 sides. mi_enhance's step also draws and gathers its batch; PyTorch finds it ready and contiguous. Before the clock
 starts, both must agree on loss and gradients. PyTorch runs in two forms, with one thread and with all: its best row
 counts.
@@ -70,7 +70,7 @@ def _compare(torch, m: int, n: int, rounds: int, with_compile: bool) -> list[dic
     samples = TrainingSet([str(k) for k in range(m)], ["random"] * m, np.ascontiguousarray(rows), n)
     trainer = Trainer(brdf, samples, {**DEFAULTS, "batch": n}, start)
     ours = trainer.gradients()  # a batch of n of n samples is all of them, whatever the random start
-    u = parameter_space.Space(brdf.parameters).to(start)
+    u = parameter_space.Space(brdf.parameters).to_free(start)
     jobs = {"mi_enhance": lambda: _step(trainer)}
     differences = {"mi_enhance": {}}
     for form, folded in (("folded", True), ("plain", False)):
@@ -120,7 +120,7 @@ def _problem(m: int, n: int):
 def _difference(ours, model: TorchModel, brdf) -> dict:
     """Relative differences of loss and gradients; an error if they are not of the same function."""
     loss, gradients = model.step()
-    weights, params = model.flat_gradients(gradients, brdf.networks)
+    weights, params = model.flat_gradients(gradients, brdf.modules)
     pairs = {"loss": (ours[0], loss.numpy()), "weights": (ours[1], weights), "parameters": (ours[2], params)}
     result = {}
     for name, (a, b) in pairs.items():

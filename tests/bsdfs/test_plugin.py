@@ -103,7 +103,7 @@ def test_shipped_network_renders(llvm):
     name = str(bundled_files.network_file("ggx"))
     image = np.array(mi.render(ball({"type": "enhanced", "filename": name})))
     assert np.isfinite(image).all()
-    close(image, np.array(mi.render(ball(Material.network("ggx").bsdf()))), SUMMATION)
+    close(image, np.array(mi.render(ball(Material.pretrained("ggx").bsdf()))), SUMMATION)
 
 
 def test_materials_that_differ_in_a_number_stay_apart(llvm):

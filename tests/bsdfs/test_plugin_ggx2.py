@@ -27,7 +27,7 @@ from mi_enhance.training.imitation import imitate
 def random_networks():
     """Small random weights: nothing about sampling depends on how good the networks are."""
     b = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
-    b = dataclasses.replace(b, networks=mlp.unflatten(b.networks, 0.3 * mlp.flatten(b.networks)))
+    b = dataclasses.replace(b, modules=mlp.unflatten(b.modules, 0.3 * mlp.flatten(b.modules)))
     p = {k: v[0] for k, v in twin_networks.parameters(b, 1, seed=2).items()}
     frame = {"n_x": 0.1, "n_y": -0.05, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.3, "alpha_x2": 0.5, "alpha_y2": 0.6}
     m = Material(b, {**p, **frame, "rho_d": (0.3, 0.2, 0.1), "rho_s": (0.5, 0.4, 0.2), "rho_s2": 0.3, "F0": 0.3})

@@ -1,4 +1,4 @@
-"""Gradients through the plugin: those of ``prb`` against differences of renders, for every parameter; optimisation."""
+"""Gradients through the plugin: those of ``prb`` against differences of renders, for every parameter; optimization."""
 
 from __future__ import annotations
 
@@ -154,27 +154,27 @@ def test_gradients_of_textures_are_those_of_the_render(llvm):
 
 
 @pytest.mark.slow
-def test_optimiser_recovers_roughness_and_albedo_from_an_image(llvm):
+def test_optimizer_recovers_roughness_and_albedo_from_an_image(llvm):
     sought, first = {"alpha_x": 0.3, "rho_d": (0.3, 0.2, 0.1)}, {"alpha_x": 0.45, "rho_d": (0.5, 0.5, 0.5)}
-    shipped = Material.network("ggx").edit(rho_s=2.0, F0=0.5, alpha_y=0.3, **sought)
+    shipped = Material.pretrained("ggx").edit(rho_s=2.0, F0=0.5, alpha_y=0.3, **sought)
     shapes = {"m": shipped.to_dict(), "ball": {"type": "sphere", "bsdf": {"type": "ref", "id": "m"}}}
     lamp = {"type": "point", "position": [2.0, -3.0, 4.0], "intensity": 30.0}  # a highlight shows the roughness
     s = scene(shapes, integrator=PRB, emitter=lamp)
     p = mi.traverse(s)
     target = mi.render(s, spp=256, seed=99)
-    optimiser = mi.ad.Adam(lr=0.06)
+    optimizer = mi.ad.Adam(lr=0.06)
     for name, value in first.items():
-        optimiser[f"m.{name}"] = type(p[f"m.{name}"])(value)
-    p.update(optimiser)
+        optimizer[f"m.{name}"] = type(p[f"m.{name}"])(value)
+    p.update(optimizer)
     losses = []
     for k in range(40):
         loss = dr.mean(dr.square(mi.render(s, p, seed=k) - target), axis=None)
         dr.backward(loss)
-        optimiser.set_learning_rate(0.08 * 0.92**k)
-        optimiser.step()
-        for key in optimiser.keys():
-            optimiser[key] = dr.clip(optimiser[key], 0.02, 1)
-        p.update(optimiser)
+        optimizer.set_learning_rate(0.08 * 0.92**k)
+        optimizer.step()
+        for key in optimizer.keys():
+            optimizer[key] = dr.clip(optimizer[key], 0.02, 1)
+        p.update(optimizer)
         losses.append(float(loss.array[0]))
     assert losses[9] < 0.5 * losses[0] and losses[-1] < 0.02 * losses[0]
     for name in sought:

@@ -128,7 +128,7 @@ def test_near_mirrors_of_all_models_follow_the_density(llvm, name, degrees, tmp_
     m = Material.analytic(name)
     sharp = {"alpha_x": 0.005, "alpha_y": 0.005, "alpha_x2": 0.01, "alpha_y2": 0.01, "n_u": 8e4, "n_v": 8e4, "B": 4e4}
     m = m.edit(**{key: v for key, v in sharp.items() if key in m.params})
-    result = chi_square(m.bsdf(), view(degrees), m.lanes(), m.brdf.model, test_count=3 * len(models.MODELS))
+    result = chi_square(m.bsdf(), view(degrees), m.as_drjit(), m.brdf.model, test_count=3 * len(models.MODELS))
     assert result["passed"], result["message"]
 
 

@@ -77,12 +77,12 @@ def test_chi_square_resolves_narrow_lobes(llvm, alpha, degrees):
     m = Material.analytic("ggx").edit(alpha_x=alpha[0], alpha_y=alpha[1], t_theta=0.7, n_x=0.1)
     theta = np.deg2rad(degrees)
     wi = [-np.sin(theta), 0, np.cos(theta)]  # away from the tilted normal's side
-    result = chi_square(m.bsdf(), wi, m.lanes(), m.brdf.model, test_count=6)
+    result = chi_square(m.bsdf(), wi, m.as_drjit(), m.brdf.model, test_count=6)
     if wi @ np.array([0.1, 0, np.sqrt(0.99)]) <= 0:
         assert result is None  # below the horizon of the normal: nothing is sampled
     else:
         assert result["passed"], result["message"]
-        assert result["normalisation"] == pytest.approx(1, abs=0.01)  # 16 points across a cell that the horizon cuts
+        assert result["normalization"] == pytest.approx(1, abs=0.01)  # 16 points across a cell that the horizon cuts
 
 
 def test_command_writes_what_it_found_and_fails_where_something_is_off(llvm, tmp_path, capsys, monkeypatch):

@@ -105,16 +105,16 @@ def test_missing_variant_is_said(run_child):
 def comparison(tmp_path_factory):
     """Grey against itself and against a darker grey."""
     mi.set_variant("llvm_ad_rgb")
-    out_dir = tmp_path_factory.mktemp("compare")
+    folder = tmp_path_factory.mktemp("compare")
     backend = matplotlib.rcParams._get("backend")  # asking for ["backend"] would choose one
     darker = {"type": "diffuse", "reflectance": 0.3}
     lines = []
     rows = compare(
-        GREY, {"same": GREY, "darker one": darker}, out_dir=out_dir, scene="sphere_envmap", resolution=32, spp=16,
+        GREY, {"same": GREY, "darker one": darker}, folder=folder, scene="sphere_envmap", resolution=32, spp=16,
         truth_label="grey", log=lines.append,
     )  # fmt: skip
     assert matplotlib.rcParams._get("backend") == backend
-    return out_dir, rows, lines
+    return folder, rows, lines
 
 
 def test_compare_ranks_what_it_renders(comparison):
@@ -129,16 +129,16 @@ def test_compare_ranks_what_it_renders(comparison):
 
 
 def test_compare_writes_whole_files_only(comparison):
-    out_dir, rows, _ = comparison
-    assert sorted(p.name for p in out_dir.iterdir()) == ["comparison.png", "darker_one.exr", "grey.exr", "same.exr"]
+    folder, rows, _ = comparison
+    assert sorted(p.name for p in folder.iterdir()) == ["comparison.png", "darker_one.exr", "grey.exr", "same.exr"]
     grey, darker = (np.array(mi.Bitmap(row["image"])) for row in (rows[0], rows[2]))
     assert grey.dtype == np.float32 and grey.shape == (32, 32, 3)
     assert grey.mean() > darker.mean() > 0
 
 
 def test_picture_shows_the_renders_and_the_error(comparison):
-    out_dir, _, _ = comparison
-    picture = np.array(mi.Bitmap(str(out_dir / "comparison.png")))[..., :3]
+    folder, _, _ = comparison
+    picture = np.array(mi.Bitmap(str(folder / "comparison.png")))[..., :3]
     height, width = picture.shape[:2]
     assert width == pytest.approx(3 * 352 + 12, abs=4)
     error_same, error_darker = (
@@ -150,9 +150,9 @@ def test_picture_shows_the_renders_and_the_error(comparison):
 
 def test_compare_refuses_labels_that_name_one_file(llvm, tmp_path):
     with pytest.raises(ValueError, match="differ in letters or digits"):
-        compare(GREY, {"a b": GREY, "a-b": GREY}, out_dir=tmp_path)
+        compare(GREY, {"a b": GREY, "a-b": GREY}, folder=tmp_path)
     with pytest.raises(ValueError, match="at least two"):
-        compare(GREY, {}, out_dir=tmp_path)
+        compare(GREY, {}, folder=tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -160,15 +160,15 @@ def test_compare_files_averages_each_model(tmp_path, monkeypatch):
     """Means by hand; the rate is all paths over all seconds, so its mean is harmonic."""
     figures = {"a": (0.9, 2.0, 100), "b": (0.7, 4.0, 201)}  # SSIM, Mpaths/s, bytes of the two materials
 
-    def one_file(path, *, out_dir, spp):
-        assert (out_dir, spp) == (tmp_path / path.name[0], 4)
-        out_dir.mkdir()
+    def one_file(path, *, folder, spp):
+        assert (folder, spp) == (tmp_path / path.name[0], 4)
+        folder.mkdir()
         ssim, rate, size = figures[path.name[0]]
         row = {"material": path.name[0], "label": "GGX", "ssim": ssim, "psnr": None}
         return [{**row, "mpaths_per_s": rate, "bytes": size}]
 
     monkeypatch.setattr(sys.modules["mi_enhance.evaluation.compare"], "compare_file", one_file)
-    result = compare_files([Path("x/a_rgb.bsdf"), Path("x/b_rgb.bsdf")], out_dir=tmp_path, spp=4)
+    result = compare_files([Path("x/a_rgb.bsdf"), Path("x/b_rgb.bsdf")], folder=tmp_path, spp=4)
     (mean,) = result["mean"]
     expected = {"ssim": 0.8, "mpaths_per_s": 2 / (1 / 2 + 1 / 4), "bytes": 150}
     assert mean == pytest.approx({"material": "mean of 2", "label": "GGX", **expected})
@@ -178,7 +178,7 @@ def test_compare_files_averages_each_model(tmp_path, monkeypatch):
 @pytest.mark.parametrize("paths", ([], ["x/a.bsdf", "y/a_rgb.bsdf"]), ids=["none", "one name twice"])
 def test_compare_files_refuses(paths, tmp_path):
     with pytest.raises(ValueError, match="must be at least one and all different"):
-        compare_files(paths, out_dir=tmp_path)
+        compare_files(paths, folder=tmp_path)
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------

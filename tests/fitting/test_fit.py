@@ -42,7 +42,7 @@ def check_sound(material, m):
     value = twin.log_l1(
         material.evaluate(m.wi, m.wo).astype(np.float64), m.f.astype(np.float64), m.wo[:, 2].astype(np.float64)
     )
-    assert np.isfinite(material.vector()).all() and np.isfinite(value)
+    assert np.isfinite(material.as_vector()).all() and np.isfinite(value)
     assert material.report["log_l1"] == pytest.approx(value, rel=1e-3, abs=1e-6)
     assert np.isfinite(material.lobe_albedo) and material.lobe_albedo >= 0
     for p in material.brdf.parameters:
@@ -80,7 +80,7 @@ def test_same_seed_gives_the_same_material(llvm):
     network, truth = network_material()
     m = measured(truth.evaluate, 5000)
     a, b = fit(network, m, seed=3), fit(network, m, seed=3)
-    np.testing.assert_array_equal(a.vector(), b.vector())
+    np.testing.assert_array_equal(a.as_vector(), b.as_vector())
 
 
 def test_fitted_material_is_a_start_of_the_next_fit(llvm):

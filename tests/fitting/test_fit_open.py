@@ -16,7 +16,7 @@ from mi_enhance.analytic import parameter_space, parameters
 from mi_enhance.data.directions import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.data.measurements import Measurements
 from mi_enhance.fitting.library_prior import Prior, coverage, from_library, weight
-from mi_enhance.material.colour_normalization import normalise, plain
+from mi_enhance.material.colour_normalization import normalize, plain
 from mi_enhance.neural import mlp
 
 SAME = 2e-5  # relative: a constant moved from a colour into an exponent, in float32
@@ -25,8 +25,8 @@ SAME = 2e-5  # relative: a constant moved from a colour into an exponent, in flo
 def network(seed=0, latent=4, strength=0.3):
     """A small network of ggx2 with a library of 30 materials around a mean."""
     brdf = enhance("ggx2", ("B", "G", "G2"), n_latent=latent, hidden=(8, 8), inputs="shape", modulated=True, seed=seed)
-    weaker = strength * mlp.flatten(brdf.networks)
-    brdf = dataclasses.replace(brdf, networks=mlp.unflatten(brdf.networks, weaker))
+    weaker = strength * mlp.flatten(brdf.modules)
+    brdf = dataclasses.replace(brdf, modules=mlp.unflatten(brdf.modules, weaker))
     rng = np.random.default_rng(seed)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
     library = np.tile(first, (30, 1))
@@ -60,7 +60,7 @@ def test_prior_is_a_gaussian_over_shape_and_latent_numbers(llvm):
     material = network()
     prior = from_library(material, weight(*sample_pairs(500), 0.02))
     space = parameter_space.Space(material.brdf.parameters)
-    u = space.to(material.library)
+    u = space.to_free(material.library)
     assert prior.loss(u.mean(0)[None])[0] == pytest.approx(0, abs=1e-20)
     coloured = u.mean(0) + np.concatenate(
         [np.full(p.size, 0.3 if p.size == 3 else 0) for p in material.brdf.parameters]
@@ -112,18 +112,18 @@ def test_networks_of_raw_directions_cannot_be_held_reciprocal(llvm):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_normalised_material_is_the_same_brdf(llvm, seed):
+def test_normalized_material_is_the_same_brdf(llvm, seed):
     material = network(seed, strength=1.0).edit(rho_d=(0.1, 0.2, 0.3), rho_s=0.4, rho_s2=(0.2, 0.1, 0.05), F0=0.2)
-    normal = normalise(material)
+    normal = normalize(material)
     wi, wo = sample_pairs(3000, seed=seed)
     np.testing.assert_allclose(normal.evaluate(wi, wo), material.evaluate(wi, wo), rtol=SAME)
-    np.testing.assert_allclose(plain(normal).vector(), material.vector(), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(plain(normal).as_vector(), material.as_vector(), rtol=1e-9, atol=1e-12)
     assert normal.params["norm_B"] != 0
 
 
-def test_normalised_diffuse_colour_is_the_albedo(llvm):
+def test_normalized_diffuse_colour_is_the_albedo(llvm):
     """rho_d of a material without lobes, against a quadrature that knows nothing of sampling.py."""
-    material = normalise(network(2, strength=1.0).edit(rho_d=(0.1, 0.2, 0.3), rho_s=0, rho_s2=0))
+    material = normalize(network(2, strength=1.0).edit(rho_d=(0.1, 0.2, 0.3), rho_s=0, rho_s2=0))
     rng = np.random.default_rng(1)
     w = rng.normal(size=(2, 60_000, 3))
     w /= np.linalg.norm(w, axis=-1, keepdims=True)
@@ -136,7 +136,7 @@ def test_normalised_diffuse_colour_is_the_albedo(llvm):
 
 def test_a_colour_is_never_scaled_out_of_its_range(llvm):
     bright = network(5, strength=1.0).edit(rho_d=1.0)
-    normal = normalise(bright)
+    normal = normalize(bright)
     assert normal.params["rho_d"].max() <= 1
     wi, wo = sample_pairs(500)
     np.testing.assert_allclose(normal.evaluate(wi, wo), bright.evaluate(wi, wo), rtol=SAME)
@@ -147,7 +147,7 @@ def test_fixed_parameters_are_left_alone(llvm):
     assert (space.low == space.high).all() and space.low.tolist() == [0.04, 0.0]
 
 
-def test_analytic_materials_have_nothing_to_normalise(llvm):
+def test_analytic_materials_have_nothing_to_normalize(llvm):
     material = Material.analytic("ggx").edit(rho_d=0.7)
-    assert np.array_equal(normalise(material).vector(), material.vector())
+    assert np.array_equal(normalize(material).as_vector(), material.as_vector())
     assert mi.variant() == "llvm_ad_rgb"

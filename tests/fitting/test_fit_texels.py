@@ -61,7 +61,7 @@ def test_many_problems_end_where_each_ends_alone(llvm):
     wi, wo, f, _ = surface(1, 5)
     brdf = Material.analytic("ggx").brdf
     space = parameter_space.Space(brdf.parameters)
-    start = space.to(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)))
+    start = space.to_free(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)))
 
     def run(f):
         problem = stacked(brdf, wi, wo, f)
@@ -81,7 +81,7 @@ def test_texels_fit_as_well_as_the_fit_of_single_materials(llvm):
     brdf = Material.analytic("ggx").brdf
     problem = stacked(brdf, wi, wo, f[0])
     values = fit_analytic(brdf, problem.wi, problem.wo, _colours(f[0]), S)
-    reference = problem.loss(problem.space.to(values))
+    reference = problem.loss(problem.space.to_free(values))
     _, errors = fit_texels(Material.analytic("ggx"), wi, wo, f, progress=False)
     assert (errors["log_l1"][0] < reference + 1e-3).all()
 

@@ -33,7 +33,7 @@ CASES = {
 
 def reflectance(brdf):
     """The twin of a BRDF: a function of wi, wo and parameters."""
-    model, networks = brdf.model.name, brdf.networks
+    model, networks = brdf.model.name, brdf.modules
     if brdf.inputs == "shape":
         return lambda wi, wo, p: twin_networks.brdf(model, wi, wo, p, networks)
     if not networks:
@@ -42,7 +42,7 @@ def reflectance(brdf):
 
 
 def problem(case, seed=0):
-    """Objective, optimised parameters (B, P), and the same loss by the twin."""
+    """Objective, optimized parameters (B, P), and the same loss by the twin."""
     model, replace, settings = CASES[case]
     brdf = enhance(model, replace, seed=seed, **settings)
     wi, wo = twin.pairs(B * N, seed=1, min_cos=0.1)
@@ -50,11 +50,11 @@ def problem(case, seed=0):
     u, value = np.concatenate([start[p.name] for p in brdf.parameters], 1), reflectance(brdf)
     f = value(wi, wo, {k: np.repeat(v, N, 0) for k, v in truth.items()}).astype(np.float32)
     objective = Objective(brdf, lanes.vectors(wi), lanes.vectors(wo), mi.Color3f(np.ascontiguousarray(f.T)), N)
-    u = objective.space.to(u).astype(np.float32).astype(np.float64)
+    u = objective.space.to_free(u).astype(np.float32).astype(np.float64)
 
     def loss(k, row, epsilon=0.0):
-        """Of material k at one optimised vector."""
-        values = parameters.unflatten(brdf.parameters, objective.space.back(row))
+        """Of material k at one optimized vector."""
+        values = parameters.unflatten(brdf.parameters, objective.space.to_physical(row))
         part = slice(k * N, (k + 1) * N)
         got = value(wi[part], wo[part], values)
         return twin.log_l1(got, f[part].astype(np.float64), wo[part, 2].astype(np.float64), epsilon)
@@ -68,7 +68,7 @@ def test_loss_is_log_l1_of_each_material(llvm, case):
     got = objective.loss(u)
     assert got.shape == (B,)
     np.testing.assert_allclose(got, [loss(k, u[k]) for k in range(B)], rtol=LOSS)
-    values = parameters.unflatten(objective.brdf.parameters, objective.space.back(u[0]))
+    values = parameters.unflatten(objective.brdf.parameters, objective.space.to_physical(u[0]))
     model = lanes.evaluate(objective.brdf, wi[:N], wo[:N], {k: np.tile(v, (N, 1)) for k, v in values.items()})
     expected = losses.log_l1(model, f[:N].astype(np.float64), wo[:N, 2].astype(np.float64))
     assert got[0] == pytest.approx(expected, rel=LOSS)
@@ -106,7 +106,7 @@ def test_gauss_newton_matrix_is_the_weighted_jacobian(llvm, case):
     value = reflectance(objective.brdf)
 
     def residuals(row):
-        values = parameters.unflatten(objective.brdf.parameters, objective.space.back(row))
+        values = parameters.unflatten(objective.brdf.parameters, objective.space.to_physical(row))
         cos = wo[:N, 2:].astype(np.float64)
         return (np.log1p(f[:N] * cos) - np.log1p(value(wi[:N], wo[:N], values) * cos)).ravel()
 
@@ -135,7 +135,7 @@ def test_number_of_samples_may_be_prime(llvm):
     f = np.ascontiguousarray(np.random.default_rng(0).uniform(0, 1, (3, 2 * n)).astype(np.float32))
     u = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (2, 1))
     both = Objective(brdf, lanes.vectors(wi), lanes.vectors(wo), mi.Color3f(f), n)
-    u = both.space.to(u)
+    u = both.space.to_free(u)
     h, g, loss = both.normal_equations(u, np.full(2, 0.01))
     for k, part in enumerate((slice(0, n), slice(n, 2 * n))):
         one = Objective(

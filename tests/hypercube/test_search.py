@@ -46,7 +46,7 @@ def run(folder, **settings):
 
 
 def weights(folder):
-    return mlp.flatten(Material.load(folder / "network.bsdf").brdf.networks)
+    return mlp.flatten(Material.load(folder / "network.bsdf").brdf.modules)
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +79,10 @@ def test_stages_end_when_the_current_state_wins(finished):
 def test_the_network_is_the_last_state_and_carries_the_log(finished):
     folder, found = finished
     network = Material.load(folder / "network.bsdf")
-    assert str(network.brdf) == str(found.network.brdf) == found.stages[-1]["equation"]
+    assert str(network.brdf) == str(found.material.brdf) == found.stages[-1]["equation"]
     assert len(network.library) == 3 and network.report["library"] == [m.name for m in materials()]
     assert [s["change"] for s in network.report["stages"]] == [s["change"] for s in found.stages]
-    np.testing.assert_array_equal(weights(folder), mlp.flatten(found.network.brdf.networks))
+    np.testing.assert_array_equal(weights(folder), mlp.flatten(found.material.brdf.modules))
 
 
 def test_candidates_start_where_their_parent_is(finished):
@@ -91,7 +91,7 @@ def test_candidates_start_where_their_parent_is(finished):
     setup = Setup(folder)
     start = tuple(found.stages[0]["current"])
     before, old = inheritance.restore(
-        states.build(setup.model, start, setup.choices, **setup.build),
+        states.brdf_of(setup.model, start, setup.choices, **setup.build),
         candidate_folder(folder, 0, start) / "checkpoint.npz",
     )
     for digits in states.neighbours(start, setup.choices):
@@ -122,7 +122,7 @@ def test_the_pareto_front_falls(finished):
 
 def test_a_price_on_run_time_keeps_the_model_cheap(llvm, tmp_path):
     dear = run(tmp_path / "dear", price=100.0)
-    assert not dear.network.brdf.networks and len(dear.stages) == 1
+    assert not dear.material.brdf.modules and len(dear.stages) == 1
 
 
 def test_measured_cost_is_a_time(llvm, tmp_path):
@@ -237,7 +237,7 @@ def test_a_killed_process_loses_nothing(llvm, tmp_path):
         finally:
             process.stderr.close()
     assert kills
-    a, b = (mlp.flatten(Material.load(tmp_path / n / "net.bsdf").brdf.networks) for n in ("whole", "killed"))
+    a, b = (mlp.flatten(Material.load(tmp_path / n / "net.bsdf").brdf.modules) for n in ("whole", "killed"))
     np.testing.assert_array_equal(a, b)
 
 

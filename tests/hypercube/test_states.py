@@ -40,16 +40,16 @@ def test_digits_count_all_choices():
     choices = states.choices(GGX, modules=SIZES, alternatives={"D": ["D_beckmann"]})
     assert choices["D"] == (None, (8, 8), (4,), "D_beckmann") and choices["F*G"] == (None, (8, 8), (4,))
     assert len(states.neighbours(ORIGINAL, choices)) == 1 + 11 * 2 + 1
-    brdf = states.build(GGX, (0, 0, 0, 0, 3, 0, 1, 0, 2, 0, 0), choices, inputs="shape")
+    brdf = states.brdf_of(GGX, (0, 0, 0, 0, 3, 0, 1, 0, 2, 0, 0), choices, inputs="shape")
     assert str(brdf) == "M + S * D_beckmann * [F] * [G] * 1/E"
-    assert [m.sizes[1:-1] for m in brdf.networks.values()] == [(8, 8), (4,)]
+    assert [m.sizes[1:-1] for m in brdf.modules.values()] == [(8, 8), (4,)]
 
 
 def test_constraints_narrow_the_hypercube():
     fixed = {"M": "analytic", "S": "analytic", "G": "neural"}
     choices = states.choices(GGX, fixed=fixed, nodes_only=True)
     assert choices["M"] == choices["F*G"] == (None,) and choices["G"] == ((16, 32, 16),)
-    assert str(states.build(GGX, ORIGINAL, choices)) == "M + S * D * F * [G] * 1/E"
+    assert str(states.brdf_of(GGX, ORIGINAL, choices)) == "M + S * D * F * [G] * 1/E"
     around = states.neighbours(ORIGINAL, choices, distance=2, max_modules=2)
     assert {len(list(states.chosen(s, choices))) for s in around} == {1, 2}
     # what is there already may stay, however many are allowed
@@ -92,7 +92,7 @@ def test_terms_of_another_model_make_that_model(llvm):
 
 
 @pytest.mark.parametrize("B, C", [(1, 0.01), (100, 1), (100, 1.999), (1e4, 2), (1e8, 3), (50, 10)])
-def test_normalised_abc_integrates_to_one(llvm, B, C):
+def test_normalized_abc_integrates_to_one(llvm, B, C):
     """Against the cosine over the hemisphere; the integral in the float64 of NumPy, over 1 - cos(theta_h)."""
     x = np.concatenate([[0], np.geomspace(1e-12, 1, 400_000)])
     shape = (1 + B * x) ** -C
@@ -197,7 +197,7 @@ def test_own_networks_are_their_twin(llvm):
     cos_d = np.linalg.norm(i + o, axis=1) / 2
     x = [np.log(q["alpha_x"]) / 4, np.log(q["alpha_y"]) / 4, np.sqrt(q["F0"] + 1e-4), *q["latent"].T]
     x += [cos_d, np.sqrt(1 - np.minimum(cos_d, 1) ** 2 + 1e-4)]
-    f = np.exp(twin.mlp(brdf.networks["F"].layers, np.stack(x, -1)))
+    f = np.exp(twin.mlp(brdf.modules["F"].layers, np.stack(x, -1)))
     h = twin.unit(i + o)
     d, g = twin.D_ggx(h, q["alpha_x"], q["alpha_y"]), twin.G_smith_ggx(i, o, q["alpha_x"], q["alpha_y"])
     lobe = (d * f[:, 0] * g * twin.inv_E(i[:, 2], o[:, 2]))[:, None] * q["rho_s"]

@@ -56,11 +56,11 @@ def paint(llvm):
 def test_space_of_an_unknown_is_one_to_one_and_its_slope_the_derivative(parameter):
     u = Unknown("x", parameter)
     values = np.linspace(parameter.low, parameter.high, 7)
-    np.testing.assert_allclose(u.back(u.to(values)), values, atol=1e-12)
-    inside = u.to(values[1:-1])
-    differences = (u.back(inside + 1e-5) - u.back(inside - 1e-5)) / 2e-5
+    np.testing.assert_allclose(u.to_physical(u.to_free(values)), values, atol=1e-12)
+    inside = u.to_free(values[1:-1])
+    differences = (u.to_physical(inside + 1e-5) - u.to_physical(inside - 1e-5)) / 2e-5
     np.testing.assert_allclose(u.slope(inside), differences, rtol=1e-6)
-    assert (u.back(np.array([-1e3, 1e3])) >= parameter.low).all()
+    assert (u.to_physical(np.array([-1e3, 1e3])) >= parameter.low).all()
 
 
 def test_wrong_calls_are_refused_before_anything_is_rendered(paint):

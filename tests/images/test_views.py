@@ -43,7 +43,7 @@ def test_what_is_written_is_read(photos, tmp_path):
             np.testing.assert_array_equal(a.mask, b.mask)
             np.testing.assert_allclose(a.to_world, b.to_world, atol=1e-12)
             assert (a.name, a.split, b.ceiling) == (b.name, b.split, np.inf)
-            assert b.fov == pytest.approx(a.fov) and b.center == pytest.approx(a.center)
+            assert b.fov == pytest.approx(a.fov) and b.principal_point == pytest.approx(a.principal_point)
 
 
 def test_8_bit_images_are_srgb_and_say_where_they_are_saturated(photos, tmp_path):
@@ -65,7 +65,7 @@ def test_focal_length_and_principal_point(photos, tmp_path):
 
     view = edited(tmp_path, change)[0]
     assert np.tan(np.radians(view.fov / 2)) == pytest.approx(4 / 12)
-    assert view.center == (3 / 8, 1 / 2)
+    assert view.principal_point == (3 / 8, 1 / 2)
 
 
 def test_camera_follows_the_opengl_convention(llvm):
@@ -78,7 +78,7 @@ def test_camera_follows_the_opengl_convention(llvm):
     lit = mi.load_dict({"type": "scene", "ball": {**ball, "emitter": {"type": "area", "radiance": 1.0}}})
     black = np.zeros((32, 32, 3), np.float32)
     for center in ((0.5, 0.5), (0.25, 0.6)):
-        view = View("v", black, to_world, 30.0, center=center)
+        view = View("v", black, to_world, 30.0, principal_point=center)
         image = render_views(lit, [view], spp=4)[0].image[..., 0]
         row, column = (np.average(n, weights=image) + 0.5 for n in np.indices(image.shape))
         focal = 16 / np.tan(np.radians(15))

@@ -79,10 +79,10 @@ def test_file_brings_everything_back_to_the_bit(llvm, tmp_path, settings):
     new = Material.load(path)
     assert str(new.brdf) == str(old.brdf) and new.brdf.state == old.brdf.state
     assert (new.brdf.inputs, new.brdf.n_latent) == (old.brdf.inputs, old.brdf.n_latent)
-    kinds = lambda b: {s: (m.sizes, m.n_folded, m.modulated) for s, m in b.networks.items()}  # noqa: E731
+    kinds = lambda b: {s: (m.sizes, m.n_folded, m.modulated) for s, m in b.modules.items()}  # noqa: E731
     assert kinds(new.brdf) == kinds(old.brdf)
-    assert np.array_equal(mlp.flatten(new.brdf.networks), mlp.flatten(old.brdf.networks))
-    assert np.array_equal(new.vector(), old.vector())
+    assert np.array_equal(mlp.flatten(new.brdf.modules), mlp.flatten(old.brdf.modules))
+    assert np.array_equal(new.as_vector(), old.as_vector())
     assert new.report == old.report and new.lobe_albedo == old.lobe_albedo
     assert (new.library is None) == (old.library is None)
     if old.library is not None:
@@ -96,8 +96,8 @@ def test_dictionary_brings_everything_back_to_the_bit(llvm, settings):
     old = random_material(**settings)
     d = old.to_dict()
     new = Material.from_arrays(d["description"], d["params"], d["weights"])
-    assert np.array_equal(mlp.flatten(new.brdf.networks), mlp.flatten(old.brdf.networks))
-    assert np.array_equal(new.vector(), old.vector()) and new.lobe_albedo == old.lobe_albedo
+    assert np.array_equal(mlp.flatten(new.brdf.modules), mlp.flatten(old.brdf.modules))
+    assert np.array_equal(new.as_vector(), old.as_vector()) and new.lobe_albedo == old.lobe_albedo
 
 
 @pytest.mark.parametrize("value", ["low", "high"])
@@ -114,7 +114,7 @@ def test_bounds_survive_the_rounding_of_the_file(llvm, tmp_path, value):
 def test_evaluate_is_the_twin(llvm):
     m = random_material()
     wi, wo = twin.pairs(500, seed=1, min_cos=0.05)
-    expected = twin.brdf(wi, wo, m.params, {s: n.layers for s, n in m.brdf.networks.items()})
+    expected = twin.brdf(wi, wo, m.params, {s: n.layers for s, n in m.brdf.modules.items()})
     np.testing.assert_allclose(m.evaluate(wi, wo), expected, rtol=1e-4)  # as in test_enhance.py
 
 

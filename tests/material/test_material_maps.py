@@ -83,7 +83,7 @@ def test_values_out_of_range_count_as_the_bound(llvm):
     wi, wo = directions(N), directions(N, seed=1)
     at_bound = maps.material.edit(latent=16.0, alpha_x=1e-4)
     close(evaluate(maps.bsdf(), wi, wo), evaluate(at_bound.bsdf(), wi, wo))
-    assert np.array_equal(maps.at(0, 0).vector(), at_bound.vector())
+    assert np.array_equal(maps.at(0, 0).as_vector(), at_bound.as_vector())
 
 
 def test_parameter_given_in_the_scene_comes_first(llvm):

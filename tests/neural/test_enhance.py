@@ -30,11 +30,11 @@ STATES = {
 
 
 def layers(brdf):
-    return {slot: mlp.layers for slot, mlp in brdf.networks.items()}
+    return {slot: mlp.layers for slot, mlp in brdf.modules.items()}
 
 
 def with_latent(brdf, n, seed=0, **settings):
-    return twin.parameters(n, seed, latent=27 if any(m.n_folded for m in brdf.networks.values()) else 0, **settings)
+    return twin.parameters(n, seed, latent=27 if any(m.n_folded for m in brdf.modules.values()) else 0, **settings)
 
 
 def test_final_state_prints_as_in_the_paper():

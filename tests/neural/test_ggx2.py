@@ -38,9 +38,9 @@ OTHERS = {"ggx": ("F", "F*G", "G", "1/E"), "cook_torrance": ("F", "G"), "ward": 
 def shaken(model="ggx2", replace=LOBES, seed=0, modulated=True, n_latent=6, hidden=(8, 8)):
     """Networks with Xavier weights and biases that are not zero: a lost bias must show."""
     b = enhance(model, replace, inputs="shape", modulated=modulated, n_latent=n_latent, hidden=hidden, seed=seed)
-    flat = mlp.flatten(b.networks)
+    flat = mlp.flatten(b.modules)
     flat = flat + np.random.default_rng(seed).normal(0, 0.1, flat.shape).astype(np.float32)
-    return dataclasses.replace(b, networks=mlp.unflatten(b.networks, flat))
+    return dataclasses.replace(b, modules=mlp.unflatten(b.modules, flat))
 
 
 def log_sum(f, wo, weights=(1, 2, 3)):
@@ -60,7 +60,7 @@ def test_slots_and_parameters():
     assert [p.name for p in b.parameters][-8:] == names
     assert b.n_parameters == 17 + 1 + 27 + 3
     # 5 shapes and 27 latent numbers are folded; 7 features, and 2 more for each lobe, vary
-    assert {(m.sizes, m.n_folded) for m in b.networks.values()} == {((32 + 11, *mlp.HIDDEN, 1), 32)}
+    assert {(m.sizes, m.n_folded) for m in b.modules.values()} == {((32 + 11, *mlp.HIDDEN, 1), 32)}
     assert enhance("ggx2", (), inputs="shape").n_parameters == 17  # no network, nothing that only networks read
 
 
@@ -78,7 +78,7 @@ def test_values_of_ggx2_are_the_twins(llvm, state, modulated):
     b = shaken(replace=STATES[state], seed=3, modulated=modulated)
     wi, wo = twin.pairs(2000, seed=1, min_cos=0.02)
     p = twin_networks.parameters(b, 2000)
-    expected = twin_networks.brdf("ggx2", wi, wo, p, b.networks)
+    expected = twin_networks.brdf("ggx2", wi, wo, p, b.modules)
     assert (expected > 0).any(1).mean() > 0.5
     np.testing.assert_allclose(lanes.evaluate(b, wi, wo, p), expected, rtol=VALUE)
 
@@ -89,7 +89,7 @@ def test_values_of_other_models_are_the_twins(llvm, name):
     wi, wo = twin.pairs(2000, seed=1, min_cos=0.02)
     p = twin_networks.parameters(b, 2000, alpha=(0.1, 1.0))
     # 1e-9: a Gaussian many roughnesses off its peak
-    expected = twin_networks.brdf(name, wi, wo, p, b.networks)
+    expected = twin_networks.brdf(name, wi, wo, p, b.modules)
     np.testing.assert_allclose(lanes.evaluate(b, wi, wo, p), expected, rtol=VALUE, atol=1e-9)
 
 
@@ -100,7 +100,7 @@ def test_rendering_evaluators_are_the_twin(llvm, kind):
     wi, wo = twin.pairs(1000, seed=1, min_cos=0.02)
     p = twin_networks.parameters(b, 1)
     got = lanes.evaluate(b, wi, wo, p, b.evaluators(kind))
-    np.testing.assert_allclose(got, twin_networks.brdf("ggx2", wi, wo, p, b.networks), rtol=VALUE)
+    np.testing.assert_allclose(got, twin_networks.brdf("ggx2", wi, wo, p, b.modules), rtol=VALUE)
 
 
 # --- gradients --------------------------------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def test_gradients_of_parameters_and_weights_are_central_differences(llvm, model
     b, n = shaken(model, replace, seed=6, n_latent=3, hidden=(5, 4)), 400
     wi, wo = twin.pairs(n, seed=7, min_cos=0.1)
     p = twin_networks.parameters(b, 1, seed=8, alpha=(0.1, 0.8), tilt=0.0)
-    trainable, values = Trainable(b.networks), lanes.parameters(p)
+    trainable, values = Trainable(b.modules), lanes.parameters(p)
     dr.enable_grad(values)
     dr.backward(dr.sum(log_sum(b(lanes.vectors(wi), lanes.vectors(wo), values, trainable), wo)))
 
@@ -121,12 +121,12 @@ def test_gradients_of_parameters_and_weights_are_central_differences(llvm, model
         return np.sum(np.log1p(f * wo[:, 2:].astype(np.float64)) @ [1, 2, 3])
 
     got = np.array(trainable.gradient(), np.float64)
-    flat = mlp.flatten(b.networks).astype(np.float64)
-    expected = twin.central_differences(lambda x: total(p, twin_networks.unflatten(b.networks, x)), flat)
+    flat = mlp.flatten(b.modules).astype(np.float64)
+    expected = twin.central_differences(lambda x: total(p, twin_networks.unflatten(b.modules, x)), flat)
     assert (expected != 0).mean() > 0.8
     np.testing.assert_allclose(got, expected, atol=GRADIENT * np.abs(expected).max())
     for q in b.parameters:
-        moved = lambda x, q=q: total({**p, q.name: x[None]}, b.networks)  # noqa: E731
+        moved = lambda x, q=q: total({**p, q.name: x[None]}, b.modules)  # noqa: E731
         expected = twin.central_differences(moved, p[q.name][0])
         got = np.array(
             [np.array(v).ravel() for v in ([dr.grad(values[q.name])] if q.size == 1 else dr.grad(values[q.name]))]
@@ -219,7 +219,7 @@ def test_corners_of_the_ranges_stay_finite_with_all_gradients(llvm, replace):
         between = middle.get(q.name, np.sqrt(q.low * q.high) if q.log else (q.low + q.high) / 2)
         p[q.name] = rng.choice([q.low, between, q.high], (n, q.size))
     wi, wo = twin.awkward_pairs(n, seed=12)
-    values, trainable = lanes.parameters(p), Trainable(b.networks)
+    values, trainable = lanes.parameters(p), Trainable(b.modules)
     dr.enable_grad(values)
     f = b(lanes.vectors(wi), lanes.vectors(wo), values, trainable)
     a = np.array(f)
@@ -241,7 +241,7 @@ def test_second_lobe_of_no_strength_is_not_there(llvm, grazing):
     p["rho_s2"][:] = 0
     for alpha in (1e-4, 1.0):
         p["alpha_x2"][:] = p["alpha_y2"][:] = alpha
-        one = twin_networks.brdf("ggx2", wi, wo, p, {k: b.networks[k] for k in ("B", "G")})
+        one = twin_networks.brdf("ggx2", wi, wo, p, {k: b.modules[k] for k in ("B", "G")})
         # a cosine of 1e-4 that passed through a frame has lost three of its digits
         np.testing.assert_allclose(lanes.evaluate(b, wi, wo, p), one, rtol=VALUE if grazing == 1 else 5e-3)
 

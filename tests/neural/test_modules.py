@@ -58,7 +58,7 @@ def run(net, mlp, x):
 def test_paper_model_has_6612_weights():
     brdf = enhance("ggx")
     assert brdf.n_weights == 6612 and 4 * brdf.n_weights == 26448
-    assert {slot: m.n_weights for slot, m in brdf.networks.items()} == {"F": 1825, "F*G": 1137, "G": 1825, "1/E": 1825}
+    assert {slot: m.n_weights for slot, m in brdf.modules.items()} == {"F": 1825, "F*G": 1137, "G": 1825, "1/E": 1825}
     assert brdf.n_parameters == 12 + 27
 
 
@@ -72,7 +72,7 @@ def test_paper_model_has_6612_weights():
     ids=str,
 )
 def test_module_sizes_are_the_papers(slot, sizes, n_folded):
-    mlp = enhance("ggx", [slot]).networks[slot]
+    mlp = enhance("ggx", [slot]).modules[slot]
     assert (mlp.sizes, mlp.n_folded) == (sizes, n_folded)
 
 
@@ -102,11 +102,11 @@ def test_modulated_last_layer_starts_as_xaviers_and_moves_as_far_with_the_materi
 def test_operators_are_never_modulated():
     """They are folded into nothing: all of a material that they see is their operands."""
     brdf = enhance("ggx", ["F", "F*G"], modulated=True)
-    assert {slot: m.modulated for slot, m in brdf.networks.items()} == {"F": True, "F*G": False}
+    assert {slot: m.modulated for slot, m in brdf.modules.items()} == {"F": True, "F*G": False}
 
 
 def test_same_seed_gives_the_same_weights():
-    a, b, c = (flatten(enhance("ggx", seed=s).networks) for s in (5, 5, 6))
+    a, b, c = (flatten(enhance("ggx", seed=s).modules) for s in (5, 5, 6))
     assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 

@@ -15,7 +15,7 @@ from plugin_scenes import ball, bitmap, close, directions, evaluate, hit, vector
 from mi_enhance.material.material import Material
 from mi_enhance.neural import baked, cooperative, mlp
 from mi_enhance.neural.enhance import enhance
-from mi_enhance.neural.simplify import lean
+from mi_enhance.neural.simplify import simplify
 
 N = 500
 FRAME = {"n_x": 0, "n_y": 0, "t_theta": 0}
@@ -26,7 +26,7 @@ SHAPE = {"alpha_x": 0.3, "alpha_y": 0.2, "alpha_x2": 0.5, "alpha_y2": 0.6, "F0":
 def networks():
     """Small random weights: what is left out does not depend on how good the networks are."""
     b = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
-    return dataclasses.replace(b, networks=mlp.unflatten(b.networks, 0.3 * mlp.flatten(b.networks)))
+    return dataclasses.replace(b, modules=mlp.unflatten(b.modules, 0.3 * mlp.flatten(b.modules)))
 
 
 def material(**values):
@@ -85,16 +85,16 @@ def test_each_branch_is_gone_with_its_network(llvm):
 
 def test_equation_of_what_is_left(llvm):
     m = material(rho_s=0, **FRAME)
-    brdf, left_out = lean(m.brdf, m.params)
+    brdf, left_out = simplify(m.brdf, m.params)
     assert str(brdf) == "M * [B] + S2 * D2 * F2 * [G2] * 1/E2"
-    assert left_out == {"rho_s", "n_x", "n_y", "t_theta"} and set(brdf.networks) == {"B", "G2"}
-    assert lean(m.brdf, {})[0].networks.keys() == m.brdf.networks.keys()  # nothing is known: nothing is left out
+    assert left_out == {"rho_s", "n_x", "n_y", "t_theta"} and set(brdf.modules) == {"B", "G2"}
+    assert simplify(m.brdf, {})[0].modules.keys() == m.brdf.modules.keys()  # nothing is known: nothing is left out
 
 
 def test_a_network_of_a_zero_operand_stays(llvm):
     """[*] makes something of 0, too."""
     m = Material(enhance("ggx", ("S*D",), seed=1), {"rho_s": 0.0, "rho_d": 0.0})
-    assert str(lean(m.brdf, m.params)[0]) == "S [*] D * F * G * 1/E"
+    assert str(simplify(m.brdf, m.params)[0]) == "S [*] D * F * G * 1/E"
 
 
 def test_edits_bring_back_what_was_left_out_and_leave_it_out_again(llvm):
@@ -114,7 +114,7 @@ def test_edits_bring_back_what_was_left_out_and_leave_it_out_again(llvm):
 
 @pytest.mark.parametrize("update", [False, True])
 @pytest.mark.parametrize("name", ["rho_d", "rho_s2"])
-def test_what_is_optimised_is_there(llvm, name, update):
+def test_what_is_optimized_is_there(llvm, name, update):
     """f is linear in a colour: its derivative at 0 is f at 1 less f at 0."""
     start = {"rho_d": 0.0, "rho_s2": 0.0}
     b, wi, wo = material(**start).bsdf(), directions(N), directions(N, seed=1)
@@ -130,7 +130,7 @@ def test_what_is_optimised_is_there(llvm, name, update):
     assert not dr.grad(p[name]).x.numpy().any()
 
 
-def test_frame_that_is_optimised_has_gradients(llvm):
+def test_frame_that_is_optimized_has_gradients(llvm):
     b = material(**FRAME).bsdf()
     p = mi.traverse(b)
     dr.enable_grad(p["t_theta"])
@@ -182,14 +182,14 @@ def test_materials_of_one_network_share_a_kernel(llvm):
 def test_folding_in_two_parts(llvm, kind):
     """What is known first, then the rest; float32 sums in another order."""
     b = networks()
-    values = material().lanes()
+    values = material().as_drjit()
     whole = b.fold(values, evaluators := b.evaluators(kind))
     late = {"alpha_x": values["alpha_x"], "F0": values["F0"]}
     unknown = {p.name: [None] * p.size if p.is_colour or p.name == "latent" else None for p in b.parameters}
     begun = b.begin_fold({**values, **dict.fromkeys(late)}, evaluators)
     at_the_hit = b.evaluators() if kind is baked.Stored else evaluators
     parts = b.fold({**unknown, **late}, at_the_hit, begun)
-    for slot in b.networks:
+    for slot in b.modules:
         np.testing.assert_allclose(np.ravel(parts[slot]), np.ravel(whole[slot]), rtol=1e-5, atol=1e-6)
         assert not np.allclose(np.ravel(begun[slot]), np.ravel(whole[slot]))
 

@@ -17,7 +17,7 @@ from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
 from mi_enhance.sampling import lobe_mixture
 from mi_enhance.sampling.lobe_mixture import MIN_SHARE, NODES, Mixture
-from mi_enhance.sampling.mixture_fit import mixture
+from mi_enhance.sampling.mixture_fit import fit_mixture
 
 SHAPES = {
     "glossy": {"rho_d": 0.3, "rho_s": 0.5, "rho_s2": 0.3, "F0": 0.05, "alpha_x": 0.1, "alpha_y": 0.1},
@@ -27,11 +27,11 @@ SHAPES = {
 
 
 def material(name):
-    return Material.network().edit(**SHAPES[name])
+    return Material.pretrained().edit(**SHAPES[name])
 
 
 def improved(m):
-    return dataclasses.replace(m, mixture=mixture(m))
+    return dataclasses.replace(m, mixture=fit_mixture(m))
 
 
 def variance(m, degrees, n=1 << 17):
@@ -59,7 +59,7 @@ def test_variance_falls(llvm, name):
 @pytest.mark.parametrize("name", SHAPES)
 def test_density_is_exact(llvm, name, degrees):
     m = improved(material(name).edit(n_x=0.05, t_theta=0.7))
-    result = chi_square(m.bsdf(), view(degrees, 1.0), m.lanes(), m.brdf.model, test_count=4 * len(SHAPES))
+    result = chi_square(m.bsdf(), view(degrees, 1.0), m.as_drjit(), m.brdf.model, test_count=4 * len(SHAPES))
     assert result["passed"], result["message"]
 
 
@@ -67,7 +67,7 @@ def test_shares_follow_colours(llvm):
     """In proportion to colour times albedo, on top of the least share; a colour left out takes its lobe with it."""
     model = Material.analytic("ggx2").brdf.model
     albedos = mi.Float(np.repeat([0.2, 0.6, 1.0], NODES))
-    p = Material.analytic("ggx2").edit(rho_d=0.5, rho_s=2.0, rho_s2=0.5).lanes()
+    p = Material.analytic("ggx2").edit(rho_d=0.5, rho_s=2.0, rho_s2=0.5).as_drjit()
     got = [float(s[0]) for s in lobe_mixture.shares_at(mi.Float(0.3), p, albedos, model)]
     parts = np.array([2.0 * 0.2, 0.5 * 0.6, 0.5 * 1.0])
     expected = MIN_SHARE + (1 - 3 * MIN_SHARE) * parts / parts.sum()
@@ -78,7 +78,7 @@ def test_shares_follow_colours(llvm):
 
 
 def test_black_material_still_has_shares(llvm):
-    p = Material.analytic("ggx2").edit(rho_d=0, rho_s=0, rho_s2=0).lanes()
+    p = Material.analytic("ggx2").edit(rho_d=0, rho_s=0, rho_s2=0).as_drjit()
     shares = lobe_mixture.shares_at(mi.Float(1), p, mi.Float(np.ones(3 * NODES)), Material.analytic("ggx2").brdf.model)
     assert all(0.3 < s[0] < 0.4 for s in shares)
 

@@ -1,4 +1,4 @@
-"""Specialised materials: the error they state, what stays editable, files, and going back."""
+"""Specialized materials: the error they state, what stays editable, files, and going back."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def exact() -> Material:
     """The shipped network, satin, with all three terms."""
     mi.set_variant("llvm_ad_rgb")
     values = {"rho_d": (0.3, 0.2, 0.1), "rho_s": 0.3, "rho_s2": 0.1, "F0": 0.3, "alpha_x2": 0.3, "alpha_y2": 0.3}
-    return Material.network().edit(**values)
+    return Material.pretrained().edit(**values)
 
 
 @functools.lru_cache
@@ -75,7 +75,7 @@ def test_a_smaller_error_takes_a_larger_network_in_the_end_the_exact_one(llvm):
 
 
 def test_colours_keep_their_meaning(llvm):
-    """f is linear in every colour, and a specialised one with other colours is the exact one with other colours."""
+    """f is linear in every colour, and a specialized one with other colours is the exact one with other colours."""
     edits = {"rho_d": (0.1, 0.5, 0.9), "rho_s": 0.1, "rho_s2": 0.3}
     assert difference(fast().edit(**edits), exact().edit(**edits)) < 3 * 3e-3
     wi, wo = pairs()
@@ -85,7 +85,7 @@ def test_colours_keep_their_meaning(llvm):
 
 def test_symmetric_where_asymmetry_is_0(llvm):
     m = specialize(exact().edit(asymmetry=0.5), max_error=1e-2)
-    assert "difference" in m.brdf.compact[0].inputs
+    assert "difference" in m.brdf.distilled[0].inputs
     wi, wo = pairs()
     m = m.edit(asymmetry=0)
     close(rendered(m, wi, wo), rendered(m, wo, wi), rel=1e-4)
@@ -96,10 +96,10 @@ def test_file_keeps_the_exact_material(llvm, tmp_path):
     again = Material.load(tmp_path / "fast.bsdf")
     wi, wo = pairs()
     np.testing.assert_array_equal(rendered(again, wi, wo), rendered(fast(), wi, wo))
-    back = again.exact
-    assert not back.brdf.compact and not [key for key in back.report if key.startswith("specialize")]
+    back = again.unspecialized
+    assert not back.brdf.distilled and not [key for key in back.report if key.startswith("specialize")]
     close(rendered(back, wi, wo), rendered(exact(), wi, wo))
-    assert exact().exact.brdf == exact().brdf
+    assert exact().unspecialized.brdf == exact().brdf
     by_name = mi.load_dict({"type": "enhanced", "filename": str(tmp_path / "fast.bsdf")})
     np.testing.assert_array_equal(evaluate(by_name, wi, wo), evaluate(fast().bsdf(), wi, wo))
 
@@ -133,7 +133,7 @@ def test_measurements_are_followed(llvm):
 def test_small_shared_network_for_textured_materials(llvm):
     """Close to the exact material for a fifth of the multiply-adds, and everything can still vary over a surface."""
     m = specialize(exact(), textured=True)
-    assert not m.brdf.compact and "latent" in m.params
+    assert not m.brdf.distilled and "latent" in m.params
     assert m.brdf.multiply_adds == m.report["specialize_multiply_adds"] < 0.25 * exact().brdf.multiply_adds
     analytic = fit(Material.analytic("ggx"), own_samples(exact())).report["log_l1"]
     assert m.report["specialize_error"] < 0.25 * analytic
@@ -149,7 +149,7 @@ def test_fit_goes_on_from_the_exact_material(llvm):
     m, _ = synthetic.ggx_anisotropic(3, n_samples=300, noise=0)
     small = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
     start = specialize(Material(small, {}), max_error=0.1)
-    assert start.brdf.compact and not fit(start, m).brdf.compact
+    assert start.brdf.distilled and not fit(start, m).brdf.distilled
 
 
 @pytest.mark.parametrize(
@@ -172,11 +172,11 @@ def test_what_it_refuses(llvm, make, message):
 def test_the_papers_state_is_one_factor(llvm):
     m = Material(enhance("ggx", seed=1), {})
     s = specialize(m, max_error=10.0)
-    assert s.brdf.compact[0].slots == ("F*G",) and not s.brdf.evaluated
+    assert s.brdf.distilled[0].slots == ("F*G",) and not s.brdf.evaluated
 
 
 def test_damaged_networks_are_refused(llvm, tmp_path):
-    c = fast().brdf.compact[0]
+    c = fast().brdf.distilled[0]
     for description, flat in (
         ({**c.describe(), "hidden": [10**9]}, c.flat),
         ({**c.describe(), "inputs": ["colour"]}, c.flat),

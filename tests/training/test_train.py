@@ -30,7 +30,7 @@ CONFIG = {
 
 
 def final(trainer):
-    return mlp.flatten(trainer.result().networks), trainer.parameters()
+    return mlp.flatten(trainer.result().modules), trainer.parameters()
 
 
 def test_imitation_gets_close_to_the_terms(llvm):
@@ -43,7 +43,7 @@ def test_imitation_gets_close_to_the_terms(llvm):
 
     def error(b):
         total = b.imitation_error(lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b))
-        return float(total[0]) / len(b.networks)
+        return float(total[0]) / len(b.modules)
 
     assert np.sqrt(error(taught)) < np.log(1.5) < np.sqrt(error(brdf))
     # and so does the whole BRDF, which the analytic model is the measure of
@@ -84,8 +84,8 @@ def test_imitation_of_two_lobes_is_of_the_starting_latent(llvm):
 
 def test_imitation_is_repeatable(llvm):
     brdf = enhance("ggx", seed=0, hidden=(8,))
-    a, b = (mlp.flatten(imitate(brdf, steps=5, batch=256, seed=3).networks) for _ in range(2))
-    assert np.array_equal(a, b) and not np.array_equal(a, mlp.flatten(brdf.networks))
+    a, b = (mlp.flatten(imitate(brdf, steps=5, batch=256, seed=3).modules) for _ in range(2))
+    assert np.array_equal(a, b) and not np.array_equal(a, mlp.flatten(brdf.modules))
 
 
 EVERY_20 = {"every": (20, 1), "progress": False}
@@ -125,7 +125,7 @@ def test_finished_run_is_returned_as_it_is(llvm, tmp_path):
 def test_network_file_holds_what_was_trained(llvm, tmp_path):
     trainer = train(CONFIG, tmp_path / "run", progress=False)
     network = Material.load(tmp_path / "run/network.bsdf")
-    assert np.array_equal(mlp.flatten(network.brdf.networks), final(trainer)[0])
+    assert np.array_equal(mlp.flatten(network.brdf.modules), final(trainer)[0])
     assert network.library.shape == (3, 12 + 4)
     np.testing.assert_allclose(network.library, trainer.parameters(), rtol=1e-6, atol=1e-7)  # float32 in the file
 
@@ -141,8 +141,8 @@ def test_two_lobes_are_trained_and_come_back_from_their_file(llvm, tmp_path):
     # from the analytic fit on: what is left is what two GGX cannot say
     assert np.mean([c["loss"] for c in curve[-2:]]) < 0.9 * curve[0]["loss"]
     network = Material.load(tmp_path / "run/network.bsdf")
-    assert all(m.modulated for m in network.brdf.networks.values())
-    assert np.array_equal(mlp.flatten(network.brdf.networks), final(trainer)[0])
+    assert all(m.modulated for m in network.brdf.modules.values())
+    assert np.array_equal(mlp.flatten(network.brdf.modules), final(trainer)[0])
     assert network.library.shape == (4, 17 + 1 + 4 + 3)
     moved = trainer.parameters()[:, -5:] - [0, 0.5, 0.5, 0.5, 0.5]
     assert (np.abs(moved).max(1) > 1e-3).all()  # asymmetry and latent numbers of every material leave their start
@@ -180,8 +180,8 @@ def test_gradients_of_a_step_are_those_of_the_loss(llvm, tmp_path):
     direction /= np.linalg.norm(direction)
 
     def at(step):
-        networks = mlp.unflatten(trainer.brdf.networks, start.astype(np.float32))
-        moved = mlp.unflatten(trainer.brdf.networks, (start + step * direction).astype(np.float32))
+        networks = mlp.unflatten(trainer.brdf.modules, start.astype(np.float32))
+        moved = mlp.unflatten(trainer.brdf.modules, (start + step * direction).astype(np.float32))
         layers = {s: m.layers for s, m in (networks if step == 0 else moved).items()}
         return twin.log_l1(twin.brdf(wi, wo, p, layers), f, wo[:, 2].astype(np.float64))
 
@@ -211,6 +211,6 @@ def test_materials_trained_together_do_not_touch_each_other(llvm, tmp_path):
 
 def test_result_is_the_brdf_with_the_trained_weights(llvm, tmp_path):
     trainer = train({**CONFIG, "steps": 2}, tmp_path / "run", progress=False)
-    expected = dataclasses.replace(trainer.brdf, networks=trainer.trainable.networks())
+    expected = dataclasses.replace(trainer.brdf, modules=trainer.trainable.networks())
     assert str(trainer.result()) == str(expected)
-    assert np.array_equal(mlp.flatten(trainer.result().networks), mlp.flatten(expected.networks))
+    assert np.array_equal(mlp.flatten(trainer.result().modules), mlp.flatten(expected.modules))

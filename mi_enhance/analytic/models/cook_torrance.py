@@ -29,7 +29,7 @@ def cook_torrance() -> Model:
     .. math::
         f = \frac{\rho_d}{\pi} + \rho_s \frac{D F G}{\pi \cos\theta_i \cos\theta_o}
 
-    The 1/pi is the original's, kept so that published values of rho_s can be used. With D normalised as it is here the
+    The 1/pi is the original's, kept so that published values of rho_s can be used. With D normalized as it is here the
     lobe reflects up to 4 rho_s / pi: rho_s = pi / 4 is what rho_s = 1 is to ``ggx``. Anisotropy is the usual extension
     of D (the original is isotropic).
 

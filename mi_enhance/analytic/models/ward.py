@@ -15,7 +15,7 @@ def ward() -> Model:
         f = \frac{\rho_d}{\pi} + \rho_s \frac{1}{\sqrt{\cos\theta_i \cos\theta_o}}
             \frac{\exp(-(h_x^2/\alpha_x^2 + h_y^2/\alpha_y^2) / h_z^2)}{4 \pi \alpha_x \alpha_y}
 
-    The original normalisation; the albedo of its lobe grows without bound towards grazing angles, as
+    The original normalization; the albedo of its lobe grows without bound towards grazing angles, as
     1 / sqrt(cos_theta_i).
 
     Returns

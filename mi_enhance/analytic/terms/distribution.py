@@ -165,7 +165,7 @@ def D_abc(h, B, C):
     Returns
     -------
     mi.Float, N lanes
-        In (0, 1]; not normalised.
+        In (0, 1]; not normalized.
 
     References
     ----------

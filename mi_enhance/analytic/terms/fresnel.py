@@ -36,7 +36,7 @@ def F_schlick(cos_theta_d, F0):
 
 
 def F_cook_torrance(cos_theta_d, F0):
-    r"""Exact Fresnel reflectance of a dielectric with reflectance F0 at normal incidence, unpolarised light.
+    r"""Exact Fresnel reflectance of a dielectric with reflectance F0 at normal incidence, unpolarized light.
 
     .. math::
         F = \frac{1}{2} \frac{(g - c)^2}{(g + c)^2}
@@ -70,7 +70,7 @@ def F_cook_torrance(cos_theta_d, F0):
 
 
 def F_dielectric(cos_theta_d, ior):
-    r"""Exact Fresnel reflectance of a dielectric by its index of refraction, unpolarised light.
+    r"""Exact Fresnel reflectance of a dielectric by its index of refraction, unpolarized light.
 
     .. math::
         F = \frac{1}{2} \frac{(g - c)^2}{(g + c)^2}

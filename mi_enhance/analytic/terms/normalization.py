@@ -8,7 +8,7 @@ from ..geometry import MIN_COS
 
 
 def inv_E(cos_theta_i, cos_theta_o):
-    r"""Normalisation of the microfacet model, :math:`1/E = 1/(4 \cos\theta_i \cos\theta_o)`.
+    r"""Normalization of the microfacet model, :math:`1/E = 1/(4 \cos\theta_i \cos\theta_o)`.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def inv_E(cos_theta_i, cos_theta_o):
 
 
 def inv_E_pi(cos_theta_i, cos_theta_o):
-    r"""Normalisation of Cook and Torrance and of the ABC model, :math:`1/E = 1/(\pi \cos\theta_i \cos\theta_o)`.
+    r"""Normalization of Cook and Torrance and of the ABC model, :math:`1/E = 1/(\pi \cos\theta_i \cos\theta_o)`.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def inv_E_pi(cos_theta_i, cos_theta_o):
 
 
 def inv_E_ward(cos_theta_i, cos_theta_o):
-    r"""Normalisation of Ward's model, :math:`1/E = 1/(4 \sqrt{\cos\theta_i \cos\theta_o})`.
+    r"""Normalization of Ward's model, :math:`1/E = 1/(4 \sqrt{\cos\theta_i \cos\theta_o})`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def inv_E_ward(cos_theta_i, cos_theta_o):
 
 
 def inv_E_ashikhmin_shirley(cos_theta_d, cos_theta_i, cos_theta_o):
-    r"""Normalisation of Ashikhmin and Shirley, :math:`1/E = 1/(4 \cos\theta_d \max(\cos\theta_i, \cos\theta_o))`.
+    r"""Normalization of Ashikhmin and Shirley, :math:`1/E = 1/(4 \cos\theta_d \max(\cos\theta_i, \cos\theta_o))`.
 
     Parameters
     ----------

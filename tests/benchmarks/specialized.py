@@ -1,8 +1,8 @@
-"""Errors of specialised materials: a row for each material and form. Run times: ``mi-enhance bench``.
+"""Errors of specialized materials: a row for each material and form. Run times: ``mi-enhance bench``.
 
 Every material is fitted with the shipped network; then: as it is, without its linear units, distilled at several
 ``--max-error``, and distilled and refined on the measurements. Log-L1 against the measurements over all of them,
-difference to the exact material, multiply-adds and seconds of specialising. MERL as NPs' decoder gives it: RGL stays
+difference to the exact material, multiply-adds and seconds of specializing. MERL as NPs' decoder gives it: RGL stays
 out of what sizes and settings are chosen on.
 """
 
@@ -41,20 +41,20 @@ def main() -> None:
     """Run the benchmark of the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=_MATERIALS, help="MERL materials (default: six)")
-    parser.add_argument("-o", "--output", default="out/specialised", help="folder (default: %(default)s)")
+    parser.add_argument("-o", "--output", default="out/specialized", help="folder (default: %(default)s)")
     parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     rows = [row for name in args.names for row in _material(name)]
     Path(args.output).mkdir(parents=True, exist_ok=True)
-    write_table(rows, Path(args.output) / "specialised", _COLUMNS)
-    finish(rows, _COLUMNS, title="Specialised materials", about=about, as_json=args.json)
+    write_table(rows, Path(args.output) / "specialized", _COLUMNS)
+    finish(rows, _COLUMNS, title="Specialized materials", about=about, as_json=args.json)
 
 
 def _material(name: str) -> list[dict]:
     measurements = data.load(_ROOT / "mi_enhance/bundled/nps/merl.npz", material=name)
-    exact = fit(Material.network(), measurements)
+    exact = fit(Material.pretrained(), measurements)
     forms = {"exact": exact, **{f"max error {e:g}": specialize(exact, max_error=e) for e in _ERRORS}}
     forms["refined on the measurements"] = specialize(exact, measurements)
     forms["small shared network"] = specialize(exact, measurements, textured=True)

@@ -57,7 +57,7 @@ def main() -> None:
     parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     rivals.add_options(parser)
     parser.add_argument("--count", type=int, default=10, help="materials of each anisotropic kind (default: 10)")
-    parser.add_argument("-o", "--output", default="out/generalisation", help="folder (default: %(default)s)")
+    parser.add_argument("-o", "--output", default="out/generalization", help="folder (default: %(default)s)")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
