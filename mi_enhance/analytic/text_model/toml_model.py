@@ -1,13 +1,13 @@
 """A reflectance model from a TOML text: the formula, its terms as expressions, its parameters. See docs/files.md.
 
-What the rest of the package relies on is checked here, once: f is linear in the colours and each colour stands in one
-term, so edits, fits and :mod:`mi_enhance.material.colour_normalization` may scale it; rho_d is the diffuse albedo and M the diffuse term.
+The rest of the package relies on two properties, which are checked here, once. f is linear in the colours and each
+colour stands in one term, so edits, fits and :mod:`mi_enhance.material.colour_normalization` may scale it; rho_d is the
+diffuse albedo and M the diffuse term.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import keyword
 import re
 import sys
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 
 import drjit as dr
 
+from ...system.messages import did_you_mean
 from .. import parameters
 from ..geometry import QUANTITIES
 from ..graph import Node
@@ -115,8 +116,7 @@ def _get(table: Mapping, key: str, kind: type, where: str, default=None):
 def _only(table: Mapping, keys: Iterable[str], where: str) -> None:
     for key in table:
         if key not in keys:
-            near = difflib.get_close_matches(key, keys, 1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(key, keys)
             raise ValueError(f'{where}: unknown entry "{key[:60]}". Choose from: {", ".join(keys)}.{hint}')
 
 
@@ -176,7 +176,7 @@ def _parameter(name: str, given, where: str) -> Parameter:
             f"{where}: has size {standard.size}, log {str(standard.log).lower()} and a range within [{standard.low:g}, "
             f"{standard.high:g}] in all models. Narrow the range, or choose another name."
         )
-    return Parameter(name, size, low, high, initial, log)
+    return Parameter(name, size, low, high, initial, log, kind="colour" if size == 3 else "scalar")
 
 
 def _start(given: Mapping, all_parameters, where: str) -> dict:
@@ -284,7 +284,6 @@ def _lobe(given: Mapping, kinds: Mapping[str, str], where: str) -> list[Expressi
 
 
 def _lobes(lobes: list[list[Expression]]):
-    # [1e-4, 1]: where Mitsuba's own microfacet distribution begins and ours end
     return lambda params: [
-        (rho_s(**params), *(dr.clip(a(**params), 1e-4, 1) for a in alphas)) for rho_s, *alphas in lobes
+        (rho_s(**params), *(dr.clip(a(**params), *parameters.ROUGHNESS) for a in alphas)) for rho_s, *alphas in lobes
     ]
