@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -130,12 +131,12 @@ def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
     }
 
 
-def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple[dict, mi.Mask]:
+def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple[dict[str, Any], Any]:
     """:func:`quantities` in the material's frame, and the lanes of :func:`local_directions` above the horizons.
 
-    The first two components of the half vector are what a narrow lobe is made of: near a mirror they are small
-    differences of large numbers, of which turning both directions first would leave 6e-8, a thousandth of a roughness
-    of 1e-4. The sum of the directions is (all but) exact in the surface's frame, and so is h - n: t.h = t.(h - n).
+    A narrow lobe is made of the first two components of the half vector. Near a mirror they are small differences of
+    large numbers: if both directions were turned first, 6e-8 would be left of them, a thousandth of a roughness of
+    1e-4. The sum of the directions is (all but) exact in the surface's frame, and so is h - n: t.h = t.(h - n).
 
     Parameters
     ----------
@@ -158,15 +159,16 @@ def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple
     local_i, local_o, active = local_directions(wi, wo, params)
     q = quantities(local_i, local_o)
     if "n_x" in params:
-        frame, (h, cos_theta_d) = frame_of(params), _half_vector(wi, wo)
+        frame: Any = frame_of(params)
+        h, cos_theta_d = _half_vector(wi, wo)
         h = mi.Vector3f(dr.dot(frame.s, h - frame.n), dr.dot(frame.t, h - frame.n), dr.dot(frame.n, h))
         h = dr.select(active, h, mi.Vector3f(0, 0, 1))
         q |= {"h": h, "cos_theta_h": h.z, "cos_theta_d": dr.select(active, cos_theta_d, 1)}
     return q, active
 
 
-def _half_vector(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
-    """Half vector, and the cosine of either direction to it.
+def _half_vector(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[Any, Any]:
+    """Return the half vector, and the cosine of either direction to it.
 
     Examples
     --------

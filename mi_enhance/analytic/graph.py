@@ -47,7 +47,7 @@ class Node:
     fn: Callable
     args: tuple[Node, ...] = ()
     symbol: str = ""
-    inputs: tuple[str, ...] | None = None
+    inputs: tuple[str, ...] = None  # type: ignore[assignment]  # never None once made
     replaced: bool = False
     label: str = ""
 
@@ -147,10 +147,9 @@ class Node:
             return None if self.name in zero and self.name not in networks else self
         if self.name in networks:
             return self
-        args = tuple(a.without(zero, networks) for a in self.args)
-        left = [a for a in args if a is not None]
+        left = tuple(a for a in (arg.without(zero, networks) for arg in self.args) if a is not None)
         if len(left) == 2:
-            return dataclasses.replace(self, args=args)
+            return dataclasses.replace(self, args=left)
         return left[0] if left and self.symbol == "+" else None
 
     def __str__(self) -> str:

@@ -46,9 +46,12 @@ def _json_or_text(value: str):
 
 
 def _network(name: str):
+    from ..analytic import models
     from ..material.material import Material
 
-    return Material.analytic(name) if name.endswith(".toml") else Material.load(_network_path(name))
+    if name.endswith(".toml"):
+        return Material.analytic(models.from_toml(name))
+    return Material.load(_network_path(name))
 
 
 def _network_path(name: str) -> Path:

@@ -55,7 +55,8 @@ def _checked(model: models.Model | str, settings: dict) -> dict:
     unknown = set(settings) - set(DEFAULTS)
     if unknown:
         raise ValueError(f"search(): unknown settings {sorted(unknown)}. Choose from: {', '.join(DEFAULTS)}.")
-    model = models.get(model) if isinstance(model, str) else model
+    if isinstance(model, str):
+        model = models.from_toml(model) if model.endswith(".toml") else models.get(model)
     settings = {**DEFAULTS, **settings, "model": model.text or model.name}
     if str(setup.model_of(settings)) != str(model):
         raise ValueError(

@@ -18,7 +18,7 @@ def candidate_folder(folder: Path, stage: int, digits: states.State) -> Path:
 def model_of(settings: dict) -> models.Model:
     """The model that the settings of a search name, or hold as a text."""
     text = settings["model"]
-    return models.from_expression(text) if "\n" in text else models.registered(text)
+    return models.from_expression(text) if "\n" in text else models.get(text)
 
 
 def choices_of(settings: dict) -> dict[str, tuple[states.Choice, ...]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..analytic import models
 from ..neural.enhance import enhance
 from ..system.files import read_json, replacing
 from .analytic_start import analytic_start, validate
@@ -81,7 +82,7 @@ def train(
     )
     samples = read(config["data"])
     brdf = enhance(
-        config["model"],
+        models.from_toml(config["model"]) if config["model"].endswith(".toml") else config["model"],
         config["replace"],
         n_latent=config["n_latent"],
         hidden=config["hidden"],
