@@ -15,7 +15,7 @@ from mi_enhance.analytic import parameters
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
-from mi_enhance.training.imitation import _random, imitate
+from mi_enhance.training.imitation import _random, imitate, imitation_error
 from mi_enhance.training.train import train
 
 CONFIG = {
@@ -42,7 +42,7 @@ def test_imitation_gets_close_to_the_terms(llvm):
     p["latent"][:] = 0.5  # where materials start; elsewhere the networks answer at random
 
     def error(b):
-        total = b.imitation_error(lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b))
+        total = imitation_error(b, lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b))
         return float(total[0]) / len(b.modules)
 
     assert np.sqrt(error(taught)) < np.log(1.5) < np.sqrt(error(brdf))
