@@ -31,6 +31,7 @@ class Space:
 
     Examples
     --------
+    >>> from mi_enhance.analytic.parameters import ALPHA_X, F0
     >>> space = Space([ALPHA_X, F0])
     >>> space.to_physical(space.to_free(np.array([0.1, 0.04])))
     array([0.1 , 0.04])
@@ -74,6 +75,7 @@ class BoundedSpace:
 
     Examples
     --------
+    >>> from mi_enhance.analytic.parameters import F0
     >>> space = BoundedSpace(F0)
     >>> space.to_physical(np.array([-100.0, 0.0, 100.0]))
     array([0. , 0.5, 1. ])

@@ -97,6 +97,7 @@ class EnhancedBRDF:
 
         Examples
         --------
+        >>> from mi_enhance import enhance
         >>> enhance("ggx").multiply_adds
         4480
         """
@@ -173,6 +174,7 @@ class EnhancedBRDF:
 
         Examples
         --------
+        >>> from mi_enhance import enhance
         >>> brdf = enhance("ggx", replace=())
         >>> vector = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
         >>> params = parameters.unflatten(brdf.parameters, [mi.Float(v) for v in vector])

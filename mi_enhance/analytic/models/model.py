@@ -46,9 +46,10 @@ class Model:
 
     Examples
     --------
-    >>> print(ggx())
+    >>> from mi_enhance import models
+    >>> print(models.ggx())
     M + S * D * F * G * 1/E
-    >>> len(ggx().graph.slots)
+    >>> len(models.ggx().graph.slots)
     11
     """
 

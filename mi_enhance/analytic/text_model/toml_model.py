@@ -34,7 +34,7 @@ _TAKEN = {
     *(*QUANTITIES, *expression.RESERVED, *parameters.FRAME, "latent", "asymmetry"),
     *("type", "id", "filename", "description", "params", "weights"),  # of the plugin's dictionary
 }
-# Sampling, networks and alternative terms read these by name: their meaning is fixed.
+# Sampling, modules and alternative terms read these by name: their meaning is fixed.
 _STANDARD = {q.name: q for q in vars(parameters).values() if isinstance(q, Parameter) and q.name not in _TAKEN}
 _KEYS = ("name", "source", "formula", "frame", "v_cavity", "terms", "parameters", "starts", "lobes")
 _LOBE = ("rho_s", "alpha_x", "alpha_y")
@@ -215,7 +215,7 @@ def _check_terms(terms: Mapping[str, Expression], kinds: Mapping[str, str], wher
 
 
 def _graph(formula: str, terms: Mapping[str, Expression], where: str) -> Node:
-    """The formula as a graph; a product associates to the right, a sum to the left, as in the package's own models."""
+    """Turn the formula into a graph; products associate to the right, sums to the left, as in the package's models."""
     tokens = re.findall(r"(?:1/)?[A-Za-z]\w*|\S", formula, re.ASCII)
     names = [t for t in tokens if t not in "+*()"]
     for name in (*names, *terms):
