@@ -77,7 +77,7 @@ class BoundedSpace:
     --------
     >>> from mi_enhance.analytic.parameters import F0
     >>> space = BoundedSpace(F0)
-    >>> space.to_physical(np.array([-100.0, 0.0, 100.0]))
+    >>> space.to_physical(np.array([-100.0, 0.0, 100.0])).round(3)
     array([0. , 0.5, 1. ])
     """
 
