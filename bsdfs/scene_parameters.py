@@ -41,7 +41,9 @@ class LatentMap(mi.Texture):
 
     def numbers(self, si: mi.SurfaceInteraction3f, active) -> list[mi.Float]:
         """All of them at the hit point."""
-        return self.m_texture.eval(self.m_to_uv @ si.uv, active)
+        m, (u, v) = self.m_to_uv.matrix, si.uv
+        uv = mi.Point2f(*(m[k, 0] * u + m[k, 1] * v + m[k, 2] for k in range(2)))
+        return self.m_texture.eval(uv, active)
 
     def is_spatially_varying(self):
         return True
@@ -144,13 +146,12 @@ class SceneParameters:
 
     def constants(self) -> dict:
         """Return the parameters that are the same everywhere, with RGB colours, held in range."""
-        result = {
-            name: held(self._parameters[name], v) if dr.grad_enabled(v) else self.inside[name]
-            for name, v in self.values.items()
-        }
-        if "latent" in result:
-            latent = result["latent"]
-            result["latent"] = [dr.gather(mi.Float, latent, k) for k in range(len(latent))]
+        result = {}
+        for name, value in self.values.items():
+            v = value if dr.grad_enabled(value) else self.inside[name]
+            if name == "latent":  # apart before anything else: within a symbolic call lanes of their own are gathered
+                v = [dr.gather(mi.Float, v, k) for k in range(len(v))]
+            result[name] = held(self._parameters[name], v) if dr.grad_enabled(value) else v
         return result
 
     def at(self, si: mi.SurfaceInteraction3f, active) -> dict:
@@ -215,7 +216,7 @@ def _maps(props: mi.Properties, material: Material) -> dict[str, mi.Texture]:
     filter_type = _choice(props, "filter_type", "bilinear", _FILTERS)
     wrap_mode = _choice(props, "wrap_mode", "repeat", _WRAPS)
     # in the precision of a bitmap's own, which `mi.traverse` can assign to
-    to_uv = mi.ScalarTransform3f(np.array(props.get("to_uv", mi.ScalarTransform4f()).extract().matrix, np.float32))
+    to_uv = mi.ScalarTransform3f(props.get("to_uv", mi.ScalarTransform4f()).extract().matrix)
     if isinstance(props["maps"], str):
         maps = MaterialMaps.load(str(mi.file_resolver().resolve(props["maps"])), material)
     else:
