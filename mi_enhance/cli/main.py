@@ -82,6 +82,8 @@ def _run(args: argparse.Namespace) -> int:
         return 130
     except BrokenPipeError:
         raise
+    except SystemExit:  # what rich makes of a closed pipe
+        return streams.CLOSED
     except Exception as error:
         if args.traceback:
             raise

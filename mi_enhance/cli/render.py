@@ -40,12 +40,15 @@ def run(args: argparse.Namespace) -> dict:
     film = scene.sensors()[0].film()
     film.prepare(scene.integrator().aov_names())
     suffix = output.suffix.lower()
-    _picture(mi, film.bitmap(), suffix)  # refused before the work, not after
+    empty = film.bitmap()
+    _picture(mi, empty, suffix)  # refused before the work, not after
 
     spp = args.spp or scene.sensors()[0].sampler().sample_count()
     start = time.perf_counter()
-    mi.render(scene, spp=spp, seed=args.seed)
-    bitmap = film.bitmap()  # it waits for the kernels
+    image = mi.render(scene, spp=spp, seed=args.seed)
+    # The copy waits for the kernels. Of what the film has beside the colour, names and all, the tensor lacks some.
+    named = empty.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel
+    bitmap = film.bitmap() if named else mi.Bitmap(image, empty.pixel_format())
     seconds = time.perf_counter() - start
     spp = scene.sensors()[0].sampler().sample_count()  # what was traced: some samplers round up
     with replacing(made(output)) as temporary:
@@ -68,10 +71,11 @@ def _picture(mi: Any, bitmap: Any, suffix: str) -> Any:
     """Return what a file holds of a film: an ``.exr`` all channels by their names, others the colour alone."""
     if suffix == ".exr":
         return bitmap
+    names = [field.name for field in bitmap.struct_() if "." not in field.name]
+    if not set(names) <= set("RGBAXYZ"):
+        text = ", ".join(names)
+        raise ValueError(f"-o: the film records {text}, which are no colour that a {suffix} can hold. Write an .exr.")
     colour = dict(bitmap.split())["<root>"]
-    if colour.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
-        names = ", ".join(field.name for field in colour.struct_())
-        raise ValueError(f"-o: the film records {names}, which are no colour that a {suffix} can hold. Write an .exr.")
     if suffix in _EIGHT_BIT:
         return mi.util.convert_to_bitmap(colour, uint8_srgb=True)
     return colour.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
