@@ -7,11 +7,11 @@ import contextlib
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from pathlib import Path
 
+from ..system.progress import Callback, silent
 from . import arguments
-from .bridge import call
 from .outputs import made, output_file, output_folder
-from .progress_bar import progress_bar
 
 
 def add(subparsers: arguments.Subparsers) -> None:
@@ -48,10 +48,8 @@ def run(args: argparse.Namespace) -> dict:
     from ..hypercube.search import search
 
     start = time.perf_counter()
-    with _executor(args) as executor, progress_bar("search", quiet=args.json) as progress:
-        found = call(
-            search, model, data, folder, validation=validation, executor=executor, progress=progress, **settings
-        )
+    with _executor(args) as executor, _table(folder, args.json) as progress:
+        found = search(model, data, folder, validation=validation, executor=executor, progress=progress, **settings)
     found.material.save(made(output))
     print(f"{found.material.brdf}\n{output}\n{folder / 'search.png'}")
     return {
@@ -78,6 +76,15 @@ def _sources(names: list[str]) -> list[dict]:
     from ..training.sources import sources_of
 
     return [source for name in names for file in _files(name) for source in sources_of(file)]
+
+
+@contextlib.contextmanager
+def _table(folder: Path, quiet: bool) -> Iterator[Callback]:
+    """Draw the live table of a search, or nothing."""
+    from .live_table import LiveTable
+
+    with contextlib.nullcontext(silent) if quiet else LiveTable(folder) as progress:
+        yield progress
 
 
 @contextlib.contextmanager

@@ -6,7 +6,6 @@ import argparse
 import json
 
 from . import arguments
-from .bridge import call
 from .outputs import output_folder
 from .progress_bar import progress_bar
 
@@ -36,6 +35,6 @@ def run(args: argparse.Namespace) -> dict:
     from ..training.train import train
 
     with progress_bar("train", quiet=args.json) as progress:
-        trainer = call(train, config, folder, progress=progress)
+        trainer = train(config, folder, progress=progress)
     print(f"{args.output}: {trainer.step} steps, {trainer.n_materials} materials")
     return {"output": args.output, "steps": trainer.step, "n_materials": trainer.n_materials}
