@@ -121,7 +121,7 @@ def _damaged_bytes(content: bytes, rng: np.random.Generator) -> bytes:
 
 def _table() -> data.Measurements:
     rng = np.random.default_rng(0)
-    wi, wo = data.sampling.sample_pairs(30, seed=1)
+    wi, wo = data.directions.sample_pairs(30, seed=1)
     return data.Measurements(wi, wo, rng.random((30, 3)))
 
 

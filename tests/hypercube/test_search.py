@@ -10,10 +10,10 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
+from planted import first_change
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 
@@ -24,9 +24,6 @@ from mi_enhance.hypercube import candidate, inheritance, judging, states
 from mi_enhance.hypercube.setup import Setup, candidate_folder
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from planted import first_change  # noqa: E402
 
 # Networks that train in a moment; the code is the same. Two slots are free: four candidates in two stages.
 SMALL = {

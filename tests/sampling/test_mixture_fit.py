@@ -10,8 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from plugin_scenes import hit
-from test_plugin_sampling import view
+from plugin_scenes import hit, view
 
 from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
