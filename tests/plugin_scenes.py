@@ -22,8 +22,8 @@ QUADRATURE = 0.005  # of 250,000 stratified directions
 
 
 def material(**values) -> Material:
-    """The paper's state with Xavier weights: nothing about the plugin depends on how good the networks are."""
-    return Material(enhance("ggx", seed=1), {**VALUES, **values})
+    """The paper's state, small: nothing about the plugin depends on how good the networks are, or how large."""
+    return Material(enhance("ggx", hidden=(6, 6), seed=1), {**VALUES, **values})
 
 
 def analytic(**values) -> Material:

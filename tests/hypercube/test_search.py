@@ -138,6 +138,7 @@ def test_reverting_and_other_terms_are_tried(llvm, tmp_path):
         assert any("reverted" in row["change"] for row in found.stages[1]["candidates"]) or len(found.stages) > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slot", ["F", "F*G"])
 def test_a_planted_weakness_is_replaced_first(llvm, tmp_path, slot):
     """Materials of a GGX whose F, or whose operator F*G, is another function: of what may change here, that one."""
@@ -153,7 +154,7 @@ class StopError(Exception):
     pass
 
 
-@pytest.mark.parametrize("after", [1, 40, 70, 120])
+@pytest.mark.parametrize("after", [40, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 70, 120))])
 def test_an_interrupted_search_ends_the_same(llvm, finished, tmp_path, monkeypatch, after):
     """Stopped in the middle of a candidate, after some training step; then once more."""
     folder = tmp_path / "run"
@@ -178,12 +179,14 @@ def same(found, folder, finished):
     np.testing.assert_array_equal(weights(folder), weights(finished[0]))
 
 
+@pytest.mark.slow
 def test_processes_find_the_same(finished, tmp_path):
     pool = ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
     with pool:
         same(run(tmp_path / "run", executor=pool), tmp_path / "run", finished)
 
 
+@pytest.mark.slow
 def test_a_killed_dask_worker_costs_only_its_candidate(finished, tmp_path):
     distributed = pytest.importorskip("distributed")
     folder = tmp_path / "run"
