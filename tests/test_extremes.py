@@ -32,8 +32,8 @@ MAGNIFIED = {
 }
 OVER_ROUNDING = 8  # error over what half a unit in the last place of the inputs changes; 4 tries find most of it
 
-MATERIALS = ["[paper]", "own features, random", *sorted(models.MODELS)]
-SLOW = ["[ggx2]", "[ggx2_small]", "[ggx]", "[ward]", "[cook_torrance]"]
+MATERIALS = ["own features, random", *sorted(models.MODELS)]
+SLOW = ["[paper]", "[ggx2]", "[ggx2_small]", "[ggx]", "[ward]", "[cook_torrance]"]
 SATURATED = "[S] [D] [F] [G] [1/E] saturated"
 
 

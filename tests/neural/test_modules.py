@@ -195,7 +195,7 @@ def jacobian(mlp, x):
 @pytest.mark.parametrize("kind", [baked.Baked, Trainable], ids=lambda k: k.__name__)
 def test_reverse_mode_is_central_differences(llvm, kind, shape):
     mlp = network(shape)
-    x = inputs(mlp, 200)
+    x = inputs(mlp, 80)
     x = x[smooth_enough(mlp, x)]
     values = floats(x)
     dr.enable_grad(values)
@@ -204,7 +204,7 @@ def test_reverse_mode_is_central_differences(llvm, kind, shape):
     dr.backward(dr.sum(y))
     got = np.stack([np.array(dr.grad(v)) for v in values], -1)
     expected = jacobian(mlp, x)[:, 0]
-    assert len(x) > 50
+    assert len(x) > 20
     np.testing.assert_allclose(got, expected, atol=GRADIENT * np.abs(expected).max())
 
 
@@ -212,7 +212,7 @@ def test_reverse_mode_is_central_differences(llvm, kind, shape):
 @pytest.mark.parametrize("wrt", ["x", "bias", "both"])
 def test_baked_forward_mode_is_central_differences(llvm, wrt, shape):
     mlp = network(shape)
-    x = inputs(mlp, 200)
+    x = inputs(mlp, 80)
     x = x[smooth_enough(mlp, x)]
     rng = np.random.default_rng(2)
     tangent = rng.normal(0, 1, x.shape).astype(np.float32).astype(np.float64)
@@ -234,7 +234,7 @@ def test_baked_forward_mode_is_central_differences(llvm, wrt, shape):
 @pytest.mark.parametrize("shape", ["node", "modulated"])
 def test_baked_gradient_of_what_is_folded_is_summed_over_the_lanes(llvm, shape):
     mlp = network(shape)
-    x = inputs(mlp, 200)
+    x = inputs(mlp, 80)
     x[:, :39] = x[0, :39]
     x = x[smooth_enough(mlp, x)]
     net, one = baked.Baked(mlp), [mi.Float(v) for v in x[0, :39]]

@@ -42,7 +42,7 @@ def variance(m, degrees, n=1 << 17):
     return w.var() / w.mean() ** 2
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", [pytest.param("glossy", marks=pytest.mark.slow), "metal", "matte"])
 def test_variance_falls(llvm, name):
     """Over views from above to 80 degrees."""
     m = material(name)
