@@ -51,7 +51,9 @@ def test_rooms_below_the_plugin_do_not_import_it(path):
 def test_every_package_is_installed():
     """`pyproject.toml` has to list them: `bsdfs/` and `scenes/` lie beside the package, where no search finds them."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    listed = re.findall(r'^    "(mi_enhance[\w.]*)",$', text.partition("packages = [")[2].partition("]")[0], re.MULTILINE)
+    listed = re.findall(
+        r'^    "(mi_enhance[\w.]*)",$', text.partition("packages = [")[2].partition("]")[0], re.MULTILINE
+    )
     found = {".".join(path.parent.relative_to(ROOT).parts) for path in ROOT.glob("mi_enhance/**/__init__.py")}
     assert set(listed) == found | {"mi_enhance.bsdfs", "mi_enhance.scenes"}
     assert listed == sorted(listed)
