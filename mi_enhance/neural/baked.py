@@ -75,7 +75,8 @@ class _BakedOp(dr.CustomOp):
         return [[dr.select(v > 0, mi.Float(1), mi.Float(SLOPE)) for v in z] for z in self.hidden]
 
     def backward(self):
-        dz = list(self.grad_out())
+        grad: Any = self.grad_out()
+        dz = list(grad)
         for (w, _), slopes in zip(self.layers[:0:-1], self._slopes()[::-1], strict=True):
             dz = [g * s for g, s in zip(affine(w.T, dz, [0.0] * w.shape[1]), slopes, strict=True)]
         w = self.layers[0][0]
@@ -87,7 +88,9 @@ class _BakedOp(dr.CustomOp):
         self.set_grad_in("x", dx)
 
     def forward(self):
-        dz = affine(self.layers[0][0], self.grad_in("x"), self.grad_in("bias"))
+        x: Any = self.grad_in("x")
+        bias: Any = self.grad_in("bias")
+        dz = affine(self.layers[0][0], x, bias)
         for (w, _), slopes in zip(self.layers[1:], self._slopes(), strict=True):
             dz = affine(w, [g * s for g, s in zip(dz, slopes, strict=True)], [0.0] * len(w))
         self.set_grad_out(dz)

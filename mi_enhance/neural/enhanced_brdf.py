@@ -69,7 +69,7 @@ class EnhancedBRDF:
         return {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
 
     @property
-    def read_by_networks(self) -> tuple[str, ...]:
+    def read_by_modules(self) -> tuple[str, ...]:
         """Names of the parameters that are folded into the modules."""
         if not any(m.n_folded for m in self.evaluated.values()):
             return ()

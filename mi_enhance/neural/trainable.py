@@ -42,7 +42,7 @@ class Trainable:
     def __getitem__(self, slot: str) -> _TrainableSlot:
         return self._slots[slot]
 
-    def networks(self) -> dict[str, MLP]:
+    def modules(self) -> dict[str, MLP]:
         """Return modules with the current weights."""
         return unflatten(self._modules, np.array(dr.detach(self.weights)))
 
@@ -157,7 +157,7 @@ class _TrainableOp(dr.CustomOp):
             if k_w is None:  # a module without directions: its first layer is the bias
                 z = list(bias)
                 continue
-            vector = dnn.CoopVec(*self.inputs[-1])
+            vector: Any = dnn.CoopVec(*self.inputs[-1])
             if k_b is None:
                 z = list(dnn.matvec(slot._view(k_w), vector) + dnn.CoopVec(*bias))
             else:
@@ -165,7 +165,8 @@ class _TrainableOp(dr.CustomOp):
         return z
 
     def backward(self):
-        dz = list(self.grad_out())
+        grad: Any = self.grad_out()
+        dz = list(grad)
         n = dr.width(dz, self.inputs[0])
         places = self.slot._places
         for k in range(len(self.layers) - 1, -1, -1):
@@ -177,7 +178,7 @@ class _TrainableOp(dr.CustomOp):
             if self.record:
                 b_offset = None if k_b is None else places[k_b][0]
                 self.slot._owner.pending.append((places[k_w][0], b_offset, _rows(self.inputs[k], n), _rows(dz, n)))
-            da = list(dnn.matvec(self.slot._view(k_w), dnn.CoopVec(*dz), transpose=True))
+            da: list[Any] = list(dnn.matvec(self.slot._view(k_w), dnn.CoopVec(*dz), transpose=True))
             if k == 0:
                 self.set_grad_in("x", da)
             else:
