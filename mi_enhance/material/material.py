@@ -8,6 +8,7 @@ from collections import Counter
 from importlib import metadata
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -15,6 +16,8 @@ from ..analytic import parameters
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.mlp import flatten
+from ..neural.trainable import fused
+from ..numerics.arrays import vector3f
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
 from ..system import tensor_file
@@ -173,15 +176,26 @@ class Material:
         Returns
         -------
         array (N, 3)
-            Linear RGB; 0 below the horizon.
+            Linear RGB, float32; 0 below the horizon.
+
+        Raises
+        ------
+        ValueError
+            If the shapes are not both (N, 3), or a direction is not finite or not of length 1.
+
+        Examples
+        --------
+        >>> Material.analytic("ggx").edit(rho_s=0).evaluate([[0, 0, 1]], [[0, 0.6, 0.8]]).round(3)
+        array([[0.159, 0.159, 0.159]], dtype=float32)
         """
-        wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
+        view, light = _directions(wi, wo)
         params = self.as_drjit()
-        f = self.brdf(wi, wo, params)
+        dr.make_opaque(params)  # data: all materials of one network share a kernel
+        f = self.brdf(view, light, params, fused(self.brdf.modules))
         if self.bound_energy:
             shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
             bound = energy_bound.table(self.brdf, params, shares)
-            f = energy_bound.bounded(f, bound, wi, wo, params)
+            f = energy_bound.bounded(f, bound, view, light, params)
         return np.array(f).T
 
     def bsdf(self) -> mi.BSDF:
@@ -255,6 +269,26 @@ class Material:
             "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
             "report": self.report,
         }
+
+
+def _directions(wi: np.ndarray, wo: np.ndarray) -> list[mi.Vector3f]:
+    """The directions as lanes, or an error before any kernel runs."""
+    arrays = {"wi": np.asarray(wi, np.float32), "wo": np.asarray(wo, np.float32)}
+    shapes = [w.shape for w in arrays.values()]
+    if shapes[0] != shapes[1] or len(shapes[0]) != 2 or shapes[0][1] != 3 or not shapes[0][0]:
+        raise ValueError(
+            f"Material.evaluate(): wi and wo have shapes {shapes[0]} and {shapes[1]}; both must be (N, 3)."
+        )
+    for key, w in arrays.items():
+        # 1e-3: float32 and short decimals, as for measurements; NaN and infinity are not within it either
+        bad = ~(np.abs(np.linalg.norm(w.astype(np.float64), axis=1) - 1) <= 1e-3)
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise ValueError(
+                f"Material.evaluate(): {key}[{k}] is {w[k].tolist()}; it must have length 1. {int(bad.sum())} of "
+                f"{len(w)} directions are like this. Divide them by their length."
+            )
+    return [vector3f(w) for w in arrays.values()]
 
 
 def _by_name(components: list[str]) -> list[str]:

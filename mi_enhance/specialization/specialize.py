@@ -10,8 +10,6 @@ from __future__ import annotations
 import dataclasses
 import time
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameters
@@ -22,7 +20,6 @@ from ..fitting.fit import fit
 from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..neural import inputs as inputs_module
-from ..neural import trainable
 from ..neural.distilled_network import DistilledNetwork
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..system.variants import require_rgb
@@ -164,21 +161,13 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
 def _shared(material: Material, measurements: Measurements | None, seed: int, start: float) -> Material:
     """The small shared network fitted to the measurements, else to the material."""
     wi, wo = sample_pairs(_VALIDATION, seed=seed)
-    f = _evaluate(material, wi, wo)
+    f = material.evaluate(wi, wo)
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
     small = fit(Material.pretrained(SHARED), truth, seed=seed)
-    error = log_l1(_evaluate(small, wi, wo), f, wo[:, 2])
+    error = log_l1(small.evaluate(wi, wo), f, wo[:, 2])
     more = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
     small = dataclasses.replace(small, report={**material.report, **small.report})
     return _specialized(small, small.brdf, SHARED, error, start, {**more, _EXACT: material.brdf.multiply_adds})
-
-
-def _evaluate(material: Material, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    """f (N, 3), through a kernel that compiles fast: baked weights outside of a BSDF take LLVM minutes."""
-    evaluators = trainable.Trainable(material.brdf.modules)
-    dr.disable_grad(evaluators.weights)
-    wi, wo = (mi.Vector3f(np.ascontiguousarray(w.T, np.float32)) for w in (wi, wo))
-    return np.array(material.brdf(wi, wo, material.as_drjit(), evaluators)).T
 
 
 def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):

@@ -42,7 +42,7 @@ def test_imitation_gets_close_to_the_terms(llvm):
     p["latent"][:] = 0.5  # where materials start; elsewhere the networks answer at random
 
     def error(b):
-        total = b.imitation_error(lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b))
+        total = b.imitation_error(lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b.modules))
         return float(total[0]) / len(b.modules)
 
     assert np.sqrt(error(taught)) < np.log(1.5) < np.sqrt(error(brdf))
