@@ -131,7 +131,10 @@ def fit(
     std, undetermined = determined(fitted, measurements, loss, hold)
     report = {**report, "std": std, "undetermined": undetermined}
     fitted = dataclasses.replace(
-        fitted, report=report, lobe_albedo=albedo.lobe_albedo(fitted), mixture=fit_mixture(fitted)
+        fitted,
+        report=report,
+        lobe_albedo=albedo.lobe_albedo(fitted.brdf, fitted.as_drjit()),
+        mixture=fit_mixture(fitted.brdf, fitted.as_drjit()),
     )
     return _bounded(fitted, measurements) if bound_energy else fitted
 
