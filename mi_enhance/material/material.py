@@ -157,6 +157,13 @@ class Material:
         """True if f(wi, wo) = f(wo, wi) by construction: the networks, if any, do not tell viewer from light."""
         return self.brdf.inputs != "directions" and not self.params.get("asymmetry", np.zeros(1)).any()
 
+    @property
+    def sampled_by(self) -> Mixture:
+        """How directions are drawn: :attr:`mixture`, or what stands in for it; needs a JIT variant."""
+        return self.mixture or lobe_mixture.of_lobe_albedo(
+            len(self.brdf.model.lobes(self.as_drjit())), self.lobe_albedo
+        )
+
     def as_vector(self) -> np.ndarray:
         """All parameters in order, float64."""
         return parameters.flatten(self.brdf.parameters, self.params)
@@ -193,8 +200,7 @@ class Material:
         dr.make_opaque(params)  # data: all materials of one network share a kernel
         f = self.brdf(view, light, params, fused(self.brdf.modules))
         if self.bound_energy:
-            shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
-            bound = energy_bound.table(self.brdf, params, shares)
+            bound = energy_bound.table(self.brdf, params, self.lobe_albedo)
             f = energy_bound.bounded(f, bound, view, light, params)
         return np.array(f).T
 

@@ -19,7 +19,7 @@ from ..analytic import geometry
 from ..neural import cooperative
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import sequences
-from . import albedo
+from . import albedo, lobe_mixture
 
 # Evenly spaced in the fourth root of the cosine: the albedo changes most in the last degrees. Node 1 is at 2e-7; node 5
 # at geometry.MIN_COS, where terms have a kink and the albedo of some a peak.
@@ -35,7 +35,7 @@ _TARGET = 0.97
 _TARGET_AT_HORIZON, _AT_HORIZON = 0.75, 6
 
 
-def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
+def table(brdf: EnhancedBRDF, params: Mapping, lobe_albedo: mi.Float | float) -> mi.Float:
     """The factor s at the nodes of the angle to the normal, for :func:`factor`.
 
     Parameters
@@ -43,8 +43,8 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
     brdf : EnhancedBRDF
     params : dict
         Parameters of the material, one lane each, RGB colours.
-    shares : list of mi.Float
-        Of its lobes in sampling, see :func:`mi_enhance.sampling.lobe_mixture.shares`.
+    lobe_albedo : mi.Float or float
+        Decides how often the lobes are drawn here, see :func:`mi_enhance.sampling.lobe_mixture.shares`.
 
     Returns
     -------
@@ -55,10 +55,11 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
     --------
     >>> from mi_enhance import Material
     >>> m = Material.analytic("ward").edit(rho_s=1.0)
-    >>> s = table(m.brdf, m.as_drjit(), [mi.Float(0.5)])
+    >>> s = table(m.brdf, m.as_drjit(), 0.1)
     >>> s[0] < 0.5, s[30]
     (True, 1.0)
     """
+    shares = lobe_mixture.shares(params, lobe_albedo, brdf.model)
     with dr.suspend_grad():
         cos, value = _reflected(brdf, params, shares)
 
