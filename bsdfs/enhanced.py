@@ -100,6 +100,8 @@ exchanged.
 Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 """
 
+# Where types are ignored, the name is missing in Mitsuba's stubs, or of another type there.
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -203,8 +205,8 @@ class Enhanced(mi.BSDF):
 
     def _active(self, ctx, si, active):
         if not any(ctx.is_enabled(f, 0) for f in (mi.BSDFFlags.DiffuseReflection, mi.BSDFFlags.GlossyReflection)):
-            return mi.Mask(False)
-        return mi.Mask(active) & (mi.Frame3f.cos_theta(si.wi) > 0)
+            return mi.Mask(False)  # type: ignore[operator]
+        return mi.Mask(active) & (mi.Frame3f.cos_theta(si.wi) > 0)  # type: ignore[operator]
 
     def _eval(self, ctx, si, wo, prepared, active):
         """Return f cos of the light for the unpolarized spectrum of the variant."""
@@ -254,9 +256,9 @@ class Enhanced(mi.BSDF):
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
         bs.pdf = self._pdf(si, bs.wo, prepared, active)
         active &= bs.pdf > 0
-        bs.eta = 1
-        bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))
-        bs.sampled_component = mi.UInt32(0)
+        bs.eta = 1  # type: ignore[assignment]
+        bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))  # type: ignore[assignment]
+        bs.sampled_component = mi.UInt32(0)  # type: ignore[assignment]
         value = self._eval(ctx, si, bs.wo, prepared, active)
         return bs, _depolarized(dr.select(active, value / bs.pdf, 0))
 

@@ -66,7 +66,7 @@ def _terms(material: Material) -> Iterator[tuple[int, str, parameters.Parameter]
     colours = {p.name: p for p in material.brdf.model.parameters if p.is_colour}
     for k, term in enumerate(_parts(material.brdf.model.graph, "+")):
         slots = [n.name for n in _parts(term, "*") if f"norm_{n.name}" in material.params]
-        own = [name for node in term.walk() for name in node.inputs if name in colours]
+        own = [name for node in term.walk() for name in node.inputs or () if name in colours]
         operators = any(n.args and n.name in material.brdf.modules for n in term.walk())
         if slots and len(own) == 1 and not operators:  # a network of operands is not linear in them
             yield k, slots[0], colours[own[0]]

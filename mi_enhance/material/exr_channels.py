@@ -59,7 +59,7 @@ def read_channels(path: Path, where: str) -> tuple[dict[str, np.ndarray], dict[s
     if x > left or y > top or x + width < left + full_width or y + height < top + full_height:
         raise ValueError(
             f"{where}: this OpenEXR file is cropped: its data window is {width} x {height} texels from column "
-            f"{x - left}, row {y - top} of a picture of {full_width} x {full_height}, and what lies outside of it has no "
+            f"{x - left}, row {y - top} of a picture of {full_width} x {full_height}, and what lies outside has no "
             "values. Save it without cropping."
         )
     try:

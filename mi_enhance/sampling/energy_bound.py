@@ -93,7 +93,7 @@ def bounded(f, table: mi.Float, wi: mi.Vector3f, wo: mi.Vector3f, params: Mappin
 
 def factor(table: mi.Float, w: mi.Vector3f, params: Mapping) -> mi.Float:
     """The factor s of a direction, surface frame; `params` as for :func:`mi_enhance.analytic.geometry.frame_of`."""
-    return _between(table, dr.detach(geometry.frame_of(params).to_local(w).z))
+    return _between(table, mi.Float(dr.detach(geometry.frame_of(params).to_local(w).z)))
 
 
 def _between(table: mi.Float, cos: mi.Float) -> mi.Float:
@@ -118,6 +118,6 @@ def _reflected(brdf: EnhancedBRDF, params: Mapping, shares: list) -> tuple[mi.Fl
     dr.eval(wi, wo, density)  # the networks in a kernel of their own compile faster
     f = mi.Color3f(brdf(wi, wo, params, brdf.evaluators(cooperative.Cooperative)))
     value = albedo.reflected(f, wo, density)
-    cos = frame.to_local(wo).z
+    cos = mi.Float(frame.to_local(wo).z)
     dr.eval(value, cos)
     return cos, value

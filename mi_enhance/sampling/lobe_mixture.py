@@ -101,9 +101,9 @@ def shares_at(cos: mi.Float, params: Mapping, albedos: mi.Float, model: Model) -
     weights = []
     for j, rho in enumerate(strengths):
         if rho is not None:
-            ends = (dr.gather(mi.Float, albedos, k + (j * NODES + d)) for d in (0, 1))
+            low, high = (dr.gather(mi.Float, albedos, k + (j * NODES + d)) for d in (0, 1))
             # 1e-6: a black material samples all alike
-            weights.append((dr.mean(rho) + 1e-6) * dr.lerp(*ends, x - mi.Float(k)))
+            weights.append((dr.mean(rho) + 1e-6) * dr.lerp(low, high, x - mi.Float(k)))
     n = len([rho for rho in strengths[:-1] if rho is not None])
     # 1e-12: both factors may be 1e-6
     free = (1 - MIN_SHARE * (n + 1)) / dr.maximum(sum(weights), 1e-12) if weights else 0

@@ -19,6 +19,7 @@ from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..fitting.losses import log_l1
 from ..material.material import Material
+from ..material.reports import SpecializeReport
 from ..neural import inputs as inputs_module
 from ..neural.distilled_network import DistilledNetwork
 from ..neural.enhanced_brdf import EnhancedBRDF
@@ -27,7 +28,6 @@ from . import distillation, pruning
 from .factor_problem import _Problem
 
 SHARED = "ggx2_small"  # the network that textured materials get
-_EXACT = "specialize_multiply_adds_exact"
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
 SIZES = (6, 8, 12, 16)
 
@@ -123,19 +123,22 @@ def specialize(
         compact = _pruned(material, training)
         network = "exact, without linear units" if compact else "exact"
         error = validation.error(compact) if compact else 0.0
-    brdf, more = dataclasses.replace(material.brdf, distilled=compact), {"specialize_max_error": max_error}
+    brdf = dataclasses.replace(material.brdf, distilled=compact)
+    more: SpecializeReport = {"specialize_max_error": max_error}
     if held_out:
         more |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
     return _specialized(material, brdf, network, error, start, more)
 
 
-def _specialized(material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: dict):
+def _specialized(
+    material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: SpecializeReport
+) -> Material:
     """The material with another BRDF, and a report of what that costs."""
-    report = {
+    report: SpecializeReport = {
         "specialize_network": network,
         "specialize_error": error,
         "specialize_multiply_adds": brdf.multiply_adds,
-        _EXACT: material.brdf.multiply_adds,
+        "specialize_multiply_adds_exact": material.brdf.multiply_adds,
         "specialize_seconds": time.perf_counter() - start,
     }
     return dataclasses.replace(material, brdf=brdf, report={**material.report, **report, **more})
@@ -165,9 +168,10 @@ def _shared(material: Material, measurements: Measurements | None, seed: int, st
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
     small = fit(Material.pretrained(SHARED), truth, seed=seed)
     error = log_l1(small.evaluate(wi, wo), f, wo[:, 2])
-    more = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
+    more: SpecializeReport = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
     small = dataclasses.replace(small, report={**material.report, **small.report})
-    return _specialized(small, small.brdf, SHARED, error, start, {**more, _EXACT: material.brdf.multiply_adds})
+    more["specialize_multiply_adds_exact"] = material.brdf.multiply_adds
+    return _specialized(small, small.brdf, SHARED, error, start, more)
 
 
 def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):
