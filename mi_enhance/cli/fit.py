@@ -17,9 +17,9 @@ def fit(args: argparse.Namespace) -> dict:
     measurements = _measurements(args)
     with tqdm(desc=f"fit {measurements.name}", unit=" steps", disable=args.json, leave=False) as bar:
 
-        def progress(stage, step, loss):
+        def progress(p):
             bar.update()
-            bar.set_postfix_str(f"{stage}, log-L1 {loss:.5f}")
+            bar.set_postfix_str(f"{p.stage}, log-L1 {p.values['loss']:.5f}")
 
         material = fit(
             _network(args.network),
@@ -28,7 +28,7 @@ def fit(args: argparse.Namespace) -> dict:
             reciprocal=args.reciprocal,
             bound_energy=args.bound_energy,
             seed=args.seed,
-            callback=progress,
+            progress=progress,
         )
     material.save(output)
     print(f"{material.show()}\n{output}")
