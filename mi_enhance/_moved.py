@@ -78,7 +78,7 @@ MODULES = {
     "scene": "evaluation.scenes",
     "search": "hypercube.search hypercube.settings output.pareto",
     "search_picture": "hypercube.picture",
-    "search_view": "hypercube.live_table",
+    "search_view": "cli.live_table",
     "specialize": "specialization.specialize",
     "state": "hypercube.states",
     "surface": "fitting.texel_batches",
