@@ -27,8 +27,11 @@ $(STAMP): pyproject.toml
 demo: venv
 	$(BIN)/mi-enhance demo -o out/demo
 
+# Two processes, each a file at a time, with about 2.5 GB each; more with  make test WORKERS=4
+WORKERS ?= 2
+
 test: venv
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(WORKERS)
 
 test-slow: venv
 	$(BIN)/python -m pytest -m slow

@@ -130,6 +130,7 @@ def test_measurements_are_followed(llvm):
     assert report["specialize_log_l1"] < 0.3 * report["specialize_log_l1_exact"]
 
 
+@pytest.mark.slow
 def test_small_shared_network_for_textured_materials(llvm):
     """Close to the exact material for a fifth of the multiply-adds, and everything can still vary over a surface."""
     m = specialize(exact(), textured=True)

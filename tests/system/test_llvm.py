@@ -77,7 +77,10 @@ def test_own_setting_that_cannot_work_is_refused(tmp_path, monkeypatch, name, me
     "make, message",
     [
         (lambda p: p.mkdir(), r'" is a folder, and holds no libLLVM\. Name a library\. Unset'),
-        (lambda p: (p.mkdir(), (p / "libLLVM-19.so").touch()), r'" is a folder\. Name the library in it, ".*x/libLLVM-19\.so"'),
+        (
+            lambda p: (p.mkdir(), (p / "libLLVM-19.so").touch()),
+            r'" is a folder\. Name the library in it, ".*x/libLLVM-19\.so"',
+        ),
         (lambda p: p.symlink_to("gone"), r'" is a link to a file that does not exist\. Unset'),
         (lambda p: os.mkfifo(p), r'" is no file\. Unset'),
         (lambda p: p.write_text("text"), r'" cannot be loaded as an LLVM library\. Unset'),
