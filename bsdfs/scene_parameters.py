@@ -85,7 +85,7 @@ class SceneParameters:
     def __init__(self, props: mi.Properties, material: Material, where: str):
         self._parameters = {p.name: p for p in material.brdf.parameters}
         # a specialized material has them in the weights of its own network
-        self._hidden = {n for n in self._parameters if n == "latent" or n.startswith("norm_")}
+        self._hidden = {n for n, p in self._parameters.items() if p.kind == "latent" or n.startswith("norm_")}
         self._hidden = self._hidden if material.brdf.distilled else set()
         self._colours = [p.name for p in material.brdf.parameters if p.is_colour]
         self.values, self.textures, self.inside, self.spectra = {}, _maps(props, material), {}, {}
@@ -94,7 +94,7 @@ class SceneParameters:
 
     def _read(self, props: mi.Properties, p: Parameter, value: np.ndarray, where: str) -> None:
         """Take a parameter from the scene, else from the maps, else `value`, the material's."""
-        if p.name in props and p.name != "latent":
+        if p.name in props and p.kind != "latent":
             self.textures.pop(p.name, None)
             given = props[p.name]
             is_spectrum = p.name in self._colours and props.type(p.name) == mi.Properties.Type.Spectrum
@@ -149,7 +149,8 @@ class SceneParameters:
         result = {}
         for name, value in self.values.items():
             v = value if dr.grad_enabled(value) else self.inside[name]
-            if name == "latent":  # apart before anything else: within a symbolic call lanes of their own are gathered
+            # latent numbers apart before anything else: within a symbolic call lanes of their own are gathered
+            if self._parameters[name].kind == "latent":
                 v = [dr.gather(mi.Float, v, k) for k in range(len(v))]
             result[name] = held(self._parameters[name], v) if dr.grad_enabled(value) else v
         return result
@@ -158,7 +159,7 @@ class SceneParameters:
         """Return all parameters at a hit point, with RGB colours, held in range: roughness 0 would give NaN."""
         params = self.constants()
         for name, texture in self.textures.items():
-            if name == "latent":
+            if self._parameters[name].kind == "latent":
                 value = texture.numbers(si, active)
             else:
                 value = _rgb(texture, si, active) if name in self._colours else texture.eval_1(si, active)

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameters
+from ..analytic.models import Model
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.mlp import flatten
@@ -79,9 +80,9 @@ class Material(OldNames):
     # ------------------------------------------------------------------ where they come from
 
     @staticmethod
-    def analytic(name: str) -> Material:
-        """An analytic model without networks, at its starting values; by name, or from a ``.toml`` file."""
-        return Material(enhance(name, replace=()), {})
+    def analytic(model: Model | str) -> Material:
+        """Return an analytic model, or the one of that name, without modules and at its starting values."""
+        return Material(enhance(model, replace=()), {})
 
     @staticmethod
     def pretrained(name: str = DEFAULT_NETWORK) -> Material:
