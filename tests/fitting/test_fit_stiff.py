@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import functools
 
-import mi_enhance  # noqa: F401  (before mitsuba)
-
-import mitsuba as mi  # isort: skip
 import numpy as np
 import pytest
 from plugin_scenes import evaluate
 
+import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import Material, data, fit
 from mi_enhance.data.directions import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.fitting.losses import log_l1
