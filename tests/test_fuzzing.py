@@ -21,6 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mi_enhance import data
+from mi_enhance.data import directions
 from mi_enhance.system import files
 
 SMALL = [reader for reader in fuzzing.READERS if reader not in ("MERL", "RGL", "NPs decoder")]
@@ -104,6 +105,7 @@ import fuzzing
 import mitsuba as mi
 import numpy as np
 from mi_enhance import data
+from mi_enhance.data import directions
 from mi_enhance.data import merl
 from mi_enhance.system import files
 from mi_enhance.training import curve_picture
@@ -147,7 +149,7 @@ print(path.read_bytes() == before, [p.name for p in path.parent.iterdir()])
 def test_a_kill_while_writing_leaves_a_whole_file(llvm, tmp_path):
     """Eight kills at moments of their own, of a process that does nothing but save."""
     path, rng = tmp_path / "x.npz", np.random.default_rng(1)
-    m = data.Measurements(*data.directions.sample_pairs(200_000), np.ones((200_000, 3)))
+    m = data.Measurements(*directions.sample_pairs(200_000), np.ones((200_000, 3)))
     data.save_table(m, path)
     halves = 0
     code = "m = data.load(path, n_samples=10**6)\nprint('go', flush=True)\nwhile True: data.save_table(m, path)"

@@ -21,10 +21,11 @@ from ..system import tensor_file
 from ..system.bundled_files import DEFAULT_NETWORK, network_file
 from ..system.files import replacing
 from . import material_file
+from .old_names import OldNames
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Material:
+class Material(OldNames):
     """What is saved, loaded, edited, shown and rendered.
 
     Parameters
@@ -181,7 +182,7 @@ class Material:
         if self.bound_energy:
             shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
             bound = energy_bound.table(self.brdf, params, shares)
-            f *= energy_bound.factor(bound, wi, params) * energy_bound.factor(bound, wo, params)
+            f = energy_bound.bounded(f, bound, wi, wo, params)
         return np.array(f).T
 
     def bsdf(self) -> mi.BSDF:
