@@ -139,7 +139,7 @@ def test_frame_that_is_optimized_has_gradients(llvm):
     assert abs(dr.grad(p["t_theta"]).numpy()[0]) > 1e-6
 
 
-def test_frozen_function_follows_a_colour_that_was_0(llvm):
+def test_frozen_function_follows_a_colour_that_was_0(llvm, no_collection):
     b, wi, wo = material(rho_s2=0).bsdf(), directions(N), directions(N, seed=1)
     p = mi.traverse(b)
     frozen = dr.freeze(lambda b, si, wo: b.eval(mi.BSDFContext(), si, wo))
