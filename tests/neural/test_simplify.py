@@ -140,7 +140,7 @@ def test_frame_that_is_optimized_has_gradients(llvm):
     assert abs(dr.grad(p["t_theta"]).numpy()[0]) > 1e-6
 
 
-def test_frozen_function_follows_a_colour_that_was_0(llvm):
+def test_frozen_function_follows_a_colour_that_was_0(llvm, no_collection):
     b, wi, wo = material(rho_s2=0).bsdf(), directions(N), directions(N, seed=1)
     p = mi.traverse(b)
     frozen = dr.freeze(lambda b, si, wo: b.eval(mi.BSDFContext(), si, wo))
@@ -155,8 +155,8 @@ def test_frozen_function_follows_a_colour_that_was_0(llvm):
 def test_value_and_density_share_their_work(llvm):
     b = material().bsdf()
     both, value, density = (operations(b, name) for name in ("eval_pdf", "eval", "pdf"))
-    # Frame, half vector and D are the value's; the shares of a mixture by the cosine are the density's alone.
-    assert both - value < density / 2
+    # Frame and half vector are the value's; the shares of a mixture by the cosine are the density's alone.
+    assert both - value < density / 2.25
 
 
 def test_textured_colour_leaves_the_networks_folded(llvm):
