@@ -152,7 +152,7 @@ def test_frozen_function_follows_a_colour_that_was_0(llvm):
 def test_value_and_density_share_their_work(llvm):
     b = material().bsdf()
     both, value, density = (operations(b, name) for name in ("eval_pdf", "eval", "pdf"))
-    assert both - value < density / 2.5  # frame, half vector and D are the value's
+    assert both - value < density / 2  # frame, half vector and D are the value's; the shares are not
 
 
 def test_textured_colour_leaves_the_networks_folded(llvm):
