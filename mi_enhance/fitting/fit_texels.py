@@ -15,6 +15,7 @@ import numpy as np
 from ..analytic import parameter_space, parameters
 from ..material.material import Material
 from ..material.material_maps import MaterialMaps
+from ..material.reports import TexelReport
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
 from ..system.progress import Callback, silent
@@ -22,7 +23,6 @@ from ..system.variants import require_rgb
 from . import library_prior
 from .analytic_fit import analytic_starts
 from .multistart import Stage, nearest
-from .report import TexelReport
 from .texel_batches import TexelSamples, check
 
 _ANCHORS = 32
@@ -276,6 +276,6 @@ def _maps(material: Material, values: np.ndarray, report: TexelReport) -> Materi
     parts = parameters.unflatten(material.brdf.parameters, np.moveaxis(values, 2, 0))
     base = material.edit(**{name: v.mean((1, 2)) for name, v in parts.items()})
     base = dataclasses.replace(base, report={**report}, library=None)
-    base = dataclasses.replace(base, lobe_albedo=albedo.lobe_albedo(base))
+    base = dataclasses.replace(base, lobe_albedo=albedo.lobe_albedo(base.brdf, base.as_drjit()))
     varying = {p.name for p in material.brdf.parameters if not p.fixed}
     return MaterialMaps(base, {name: np.moveaxis(v, 0, 2) for name, v in parts.items() if name in varying})

@@ -36,16 +36,14 @@ class Objective:
     n : int
         Samples per problem.
     evaluators : dict, optional
-        Network evaluators; ``nn.Trainable`` with detached weights by default: cooperative vectors compile in a second,
-        baked weights outside of a virtual call in a minute, and every new network anew.
+        Network evaluators; :func:`mi_enhance.neural.trainable.fused` by default.
     """
 
     def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Mapping | None = None):
         self.brdf, self.n, self.wi, self.wo = brdf, n, wi, wo
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)
-        # a mapping, or what can be indexed like one
-        self.evaluators: Any = _without_gradients(brdf) if evaluators is None else evaluators
+        self.evaluators = trainable.fused(brdf.modules) if evaluators is None else evaluators
         self._truth = [compressed(c, wo.z) for c in f]
 
     def _residual(self, f) -> list[mi.Float]:
@@ -154,13 +152,6 @@ class Objective:
         dr.eval(dr.detach(loss), wide_gradient)
         backward(narrow, [dr.block_sum(g, self.n) for g in wide_gradient])
         return dr.detach(loss), dr.grad(flat)
-
-
-def _without_gradients(brdf: EnhancedBRDF) -> trainable.Trainable:
-    """Return evaluators that pass gradients on to their inputs and have none of their weights."""
-    evaluators = trainable.Trainable(dict(brdf.modules))
-    dr.disable_grad(evaluators.weights)
-    return evaluators
 
 
 def stacked(brdf: EnhancedBRDF, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> Objective:

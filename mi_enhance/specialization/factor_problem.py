@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic.graph import Node
+from ..analytic.parameters import MAX_LOG
 from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..neural import inputs as inputs_module
@@ -52,11 +53,11 @@ class _Problem:
         return np.stack([self.features[name] for name in inputs], 1)
 
     def _sum(self, logs, index=slice(None)) -> np.ndarray:
-        return np.einsum("nmc,nm->nc", self.coefficients[index], np.exp(np.clip(logs, -20, 20)))
+        return np.einsum("nmc,nm->nc", self.coefficients[index], np.exp(np.clip(logs, -MAX_LOG, MAX_LOG)))
 
     def _slopes(self, logs, f, index) -> np.ndarray:
         """Derivatives (n, channels, factors) of log(1 + f cos)."""
-        factor = np.exp(np.clip(logs, -20, 20))
+        factor = np.exp(np.clip(logs, -MAX_LOG, MAX_LOG))
         cos = self.cos[index]
         return np.einsum("nmc,nm,nc->ncm", self.coefficients[index], factor, cos / (1 + f * cos))
 

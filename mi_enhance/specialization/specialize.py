@@ -10,8 +10,6 @@ from __future__ import annotations
 import dataclasses
 import time
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameters
@@ -21,8 +19,8 @@ from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..fitting.losses import log_l1
 from ..material.material import Material
+from ..material.reports import SpecializeReport
 from ..neural import inputs as inputs_module
-from ..neural import trainable
 from ..neural.distilled_network import DistilledNetwork
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..system.variants import require_rgb
@@ -30,7 +28,6 @@ from . import distillation, pruning
 from .factor_problem import _Problem
 
 SHARED = "ggx2_small"  # the network that textured materials get
-_EXACT = "specialize_multiply_adds_exact"
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
 SIZES = (6, 8, 12, 16)
 
@@ -38,8 +35,8 @@ _TRAINING, _VALIDATION = 8192, 20_000  # pairs of directions
 _AT_BEST = 2.5  # the next size is never better by more: what is hopeless is not tried
 _STARTS, _FEW = 4, 1024  # first weights that are tried, on how many pairs
 _MIN_COS = 1e-3  # closer to the horizon than any measurement: a render asks there, too
-# All features but the last, the logarithm of the ratio of the cosines, which adds little to their difference.
-_INPUTS = inputs_module.NAMES[:-1]
+# The logarithm of the ratio of the cosines adds little to their difference.
+_INPUTS = tuple(name for name in inputs_module.NAMES if name != "log_ratio")
 # Inputs that vary by less say nothing: the azimuth where the roughnesses are equal, asymmetry where there is none.
 _MIN_SPREAD = 5e-3
 
@@ -126,19 +123,22 @@ def specialize(
         compact = _pruned(material, training)
         network = "exact, without linear units" if compact else "exact"
         error = validation.error(compact) if compact else 0.0
-    brdf, more = dataclasses.replace(material.brdf, distilled=compact), {"specialize_max_error": max_error}
+    brdf = dataclasses.replace(material.brdf, distilled=compact)
+    more: SpecializeReport = {"specialize_max_error": max_error}
     if held_out:
         more |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
     return _specialized(material, brdf, network, error, start, more)
 
 
-def _specialized(material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: dict):
+def _specialized(
+    material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: SpecializeReport
+) -> Material:
     """The material with another BRDF, and a report of what that costs."""
-    report = {
+    report: SpecializeReport = {
         "specialize_network": network,
         "specialize_error": error,
         "specialize_multiply_adds": brdf.multiply_adds,
-        _EXACT: material.brdf.multiply_adds,
+        "specialize_multiply_adds_exact": material.brdf.multiply_adds,
         "specialize_seconds": time.perf_counter() - start,
     }
     return dataclasses.replace(material, brdf=brdf, report={**material.report, **report, **more})
@@ -164,21 +164,14 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
 def _shared(material: Material, measurements: Measurements | None, seed: int, start: float) -> Material:
     """The small shared network fitted to the measurements, else to the material."""
     wi, wo = sample_pairs(_VALIDATION, seed=seed)
-    f = _evaluate(material, wi, wo)
+    f = material.evaluate(wi, wo)
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
     small = fit(Material.pretrained(SHARED), truth, seed=seed)
-    error = log_l1(_evaluate(small, wi, wo), f, wo[:, 2])
-    more = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
+    error = log_l1(small.evaluate(wi, wo), f, wo[:, 2])
+    more: SpecializeReport = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
     small = dataclasses.replace(small, report={**material.report, **small.report})
-    return _specialized(small, small.brdf, SHARED, error, start, {**more, _EXACT: material.brdf.multiply_adds})
-
-
-def _evaluate(material: Material, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    """f (N, 3), through a kernel that compiles fast: baked weights outside of a BSDF take LLVM minutes."""
-    evaluators = trainable.Trainable(material.brdf.modules)
-    dr.disable_grad(evaluators.weights)
-    wi, wo = (mi.Vector3f(np.ascontiguousarray(w.T, np.float32)) for w in (wi, wo))
-    return np.array(material.brdf(wi, wo, material.as_drjit(), evaluators)).T
+    more["specialize_multiply_adds_exact"] = material.brdf.multiply_adds
+    return _specialized(small, small.brdf, SHARED, error, start, more)
 
 
 def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):

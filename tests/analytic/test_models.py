@@ -237,7 +237,7 @@ def test_colour_of_the_abc_lobe_is_one_in_every_variant(llvm, variant):
 @pytest.mark.parametrize("name, missing", [("ward", "F0"), ("abc", "F0, alpha_x, alpha_y, rho_s")])
 def test_networks_that_would_read_what_is_not_there_are_refused(name, missing):
     with pytest.raises(
-        ValueError, match=rf'networks read {missing}, which model "{name}" does not have. Use inputs="shape", or the'
+        ValueError, match=rf'modules read {missing}, which model "{name}" does not have. Use inputs="shape", or the'
     ):
         enhance(name, ["1/E"])
 

@@ -55,7 +55,7 @@ def paint():
 
 @pytest.mark.parametrize("parameter", [ALPHA_X, F0, N_X], ids=lambda p: p.name)
 def test_space_of_an_unknown_is_one_to_one_and_its_slope_the_derivative(parameter):
-    u = Unknown("x", parameter)
+    u = Unknown("x", parameter).space
     values = np.linspace(parameter.low, parameter.high, 7)
     np.testing.assert_allclose(u.to_physical(u.to_free(values)), values, atol=1e-12)
     inside = u.to_free(values[1:-1])

@@ -1,20 +1,11 @@
-"""What a fit says of its result: the entries of ``Material.report``."""
+"""What materials say of how they were made: the keys of ``Material.report`` by who writes them. JSON types only."""
 
 from __future__ import annotations
 
 from typing import TypedDict
 
 
-class _Fitted(TypedDict):
-    model: str
-    log_l1: float
-    log_l1_analytic: float
-    seconds: float
-    n_samples: int
-    seed: int
-
-
-class FitReport(_Fitted, total=False):
+class FitReport(TypedDict, total=False):
     """Report of :func:`mi_enhance.fitting.fit.fit`.
 
     Attributes
@@ -44,19 +35,25 @@ class FitReport(_Fitted, total=False):
         Only with `bound_energy`: before the bound.
     """
 
+    model: str
+    log_l1: float
+    log_l1_analytic: float
+    log_l1_unbounded: float
+    seconds: float
     seconds_analytic: float
+    n_samples: int
     n_parameters: int
     clamped_fraction: float
     method: str
     reciprocal: bool
+    seed: int
     name: str
     source: str
     std: dict[str, list[float]]
     undetermined: list[str]
-    log_l1_unbounded: float
 
 
-class TexelReport(_Fitted):
+class TexelReport(TypedDict):
     """Report of :func:`mi_enhance.fitting.fit_texels.fit_texels`.
 
     Attributes
@@ -73,6 +70,25 @@ class TexelReport(_Fitted):
     seed : int
     """
 
+    model: str
+    log_l1: float
+    log_l1_analytic: float
+    seconds: float
     seconds_per_1000: float
     n_texels: int
+    n_samples: int
     smoothness: float
+    seed: int
+
+
+class SpecializeReport(TypedDict, total=False):
+    """What :func:`mi_enhance.specialization.specialize.specialize` adds; see there."""
+
+    specialize_network: str
+    specialize_error: float
+    specialize_max_error: float
+    specialize_multiply_adds: int
+    specialize_multiply_adds_exact: int
+    specialize_seconds: float
+    specialize_log_l1: float
+    specialize_log_l1_exact: float
