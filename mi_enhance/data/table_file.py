@@ -135,7 +135,7 @@ def _read_text(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarr
     for name, values in column.items():
         _finite(values[:, None], [name], place, where)
     rgb = [column[c] for c in (RGB if RGB[0] in column else GREY * 3)]
-    ignored = [n for n in table.header.names if n not in column]
+    ignored = [n for n in table.header.names if n and n not in column]
     notes = [f"columns ignored: {', '.join(ignored)[:200]}"] if ignored else []
     f = np.stack(rgb, 1)
     if VECTORS[0] in column:

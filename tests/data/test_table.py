@@ -91,6 +91,8 @@ SAME = {
     "separator at the end": RAD.replace("\n", ",\n"),
     "other columns": "time,theta_i,phi_i,theta_o,phi_o,f,who\n12:00,0.1,0,0.5,3,0.25,me\n12:01,0.2,1,0.6,2,1.5,\n",
     "other order": "f,phi_o,theta_o,phi_i,theta_i\n0.25,3,0.5,0,0.1\n1.5,2,0.6,1,0.2\n",
+    "numbered rows": ",theta_i,phi_i,theta_o,phi_o,f\n0,0.1,0,0.5,3,0.25\n1,0.2,1,0.6,2,1.5\n",
+    "comment with a value": "# angle of incidence: 45 deg\n" + RAD,
     "no line end": RAD.rstrip(),
     "old line ends": RAD.replace("\n", "\r"),
     "Windows": RAD.replace("\n", "\r\n"),
@@ -168,9 +170,10 @@ ANGLES = "theta_i,phi_i,theta_o,phi_o,f\n"
             "# angles in degrees\n" + ANGLES + "0.5,1,0.3,2,1\n",
             "a comment speaks of degrees, but all polar angles are at most 0.5",
         ),
+        ("theta_i,phi_i,theta_o,phi_o,f [%]\n", "line 1: column f is in '%'; known units are 1/sr"),
         ("theta_i [grad],phi_i,theta_o,phi_o,f\n", "line 1: column theta_i is in 'grad'; known units are rad, "),
     ],
-    ids=["polar", "azimuth", "degrees", "comment", "gradians"],
+    ids=["polar", "azimuth", "degrees", "comment", "percent", "gradians"],
 )
 def test_angles_in_another_unit_are_refused(tmp_path, text, message):
     (tmp_path / "t.csv").write_text(text)
