@@ -198,8 +198,8 @@ def _read_npz(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def _finite(rows: np.ndarray, columns: list[str], place: _Place, where: str) -> None:
-    """Raise for the first NaN or infinity, in the words of the file."""
-    bad = np.argwhere(~np.isfinite(rows))
+    """Raise for the first NaN, infinity, or number that float32 cannot hold, in the words of the file."""
+    bad = np.argwhere(~(np.abs(rows) <= np.finfo(np.float32).max))
     if len(bad):
         i, j = bad[0]
         raise ValueError(

@@ -13,7 +13,6 @@ from ..analytic.parameter_space import Space
 from ..data.measurements import Measurements
 from ..material.colour_normalization import normalize, plain
 from ..material.material import Material
-from ..material.reports import FitReport
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
 from ..sampling.mixture_fit import fit_mixture
@@ -23,6 +22,7 @@ from . import library_prior, multistart
 from .analytic_fit import analytic_starts
 from .losses import log_l1
 from .multistart import Stage
+from .report import FitReport
 from .rmsprop import fit_rmsprop
 from .texel_batches import TexelSamples
 from .uncertainty import determined
@@ -72,7 +72,7 @@ def fit(
     Returns
     -------
     Material
-        Its `report` is a :class:`mi_enhance.material.reports.FitReport`: ``log_l1`` (eq. 1), ``log_l1_analytic`` (the
+        Its `report` is a :class:`mi_enhance.fitting.report.FitReport`: ``log_l1`` (eq. 1), ``log_l1_analytic`` (the
         analytic model fitted by the same method), ``seconds``, ``std`` and ``undetermined`` (what the samples say of
         the parameters, see :func:`mi_enhance.fitting.uncertainty.determined`), and more.
 

@@ -15,7 +15,6 @@ import numpy as np
 from ..analytic import parameter_space, parameters
 from ..material.material import Material
 from ..material.material_maps import MaterialMaps
-from ..material.reports import TexelReport
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
 from ..system.progress import Callback, silent
@@ -23,6 +22,7 @@ from ..system.variants import require_rgb
 from . import library_prior
 from .analytic_fit import analytic_starts
 from .multistart import Stage, nearest
+from .report import TexelReport
 from .texel_batches import TexelSamples, check
 
 _ANCHORS = 32

@@ -43,7 +43,8 @@ class Objective:
         self.brdf, self.n, self.wi, self.wo = brdf, n, wi, wo
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)
-        self.evaluators = trainable.fused(brdf.modules) if evaluators is None else evaluators
+        # a mapping, or what can be indexed like one
+        self.evaluators: Any = trainable.fused(brdf.modules) if evaluators is None else evaluators
         self._truth = [compressed(c, wo.z) for c in f]
 
     def _residual(self, f) -> list[mi.Float]:

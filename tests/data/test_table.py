@@ -201,6 +201,7 @@ HEADER = "wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,f_r,f_g,f_b\n"
         (HEADER + "0,0,1,0,0,1,1,1,1\n0,0,1,0,0,1,1,nan,1\n", r"line 3 has nan in column f_g"),
         ("# x\n\n" + HEADER + "0,0,1,0,0,1,1,inf,1\n", r"line 4 has inf in column f_g"),
         (HEADER + "0,0,1,0,0,1,1,1,1\n0,0,1,0,0,1.1,1,1,1\n", r"wo in line 3 has length 1.1, not 1"),
+        (HEADER + "0,0,1,0,0,1,1,1e39,1\n", r"line 2 has 1e\+39 in column f_g"),
         (HEADER + "0,0,1,0,0,-1,1,1,1\n", "no row has both directions above the horizon"),
         (HEADER + "0,0,1,0,0,1,1,x,1\n", "line 2: 'x' in column f_g is no number"),
         (HEADER + "0,0,1,0,0,1,1,1,1\n0,0,1,0,0,1,1,,1\n", "line 3: '' in column f_g is no number"),
@@ -219,7 +220,7 @@ HEADER = "wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,f_r,f_g,f_b\n"
         ("<html>not found</html>", "no line names the columns. Line 1 is '<html>"),
         ("x" * 100_000, "line 1 is longer than 65536 characters"),
     ],
-    ids="nan inf unit horizon word hole short decimal mixed none missing nameless double twice empty html long".split(),
+    ids="nan inf huge unit horizon word hole short decimal mixed none missing nameless double twice empty html long".split(),
 )
 def test_what_is_wrong_is_named(tmp_path, text, message):
     (tmp_path / "t.csv").write_text(text)
