@@ -220,7 +220,9 @@ HEADER = "wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,f_r,f_g,f_b\n"
         ("<html>not found</html>", "no line names the columns. Line 1 is '<html>"),
         ("x" * 100_000, "line 1 is longer than 65536 characters"),
     ],
-    ids="nan inf huge unit horizon word hole short decimal mixed none missing nameless double twice empty html long".split(),
+    ids=(
+        "nan inf huge unit horizon word hole short decimal mixed none missing nameless double twice empty html long"
+    ).split(),
 )
 def test_what_is_wrong_is_named(tmp_path, text, message):
     (tmp_path / "t.csv").write_text(text)
