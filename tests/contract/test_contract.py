@@ -102,7 +102,7 @@ def gradients(name, wi, wo, p, evaluators=None):
     """f_r (N, 3), and the derivatives of the loss's log(1 + f cos) for each lane's own parameters."""
     values, b = lanes.parameters(p), brdf_of(name)
     dr.enable_grad(values)
-    f = b(lanes.vectors(wi), lanes.vectors(wo), values, lanes.fused(b) if evaluators is None else evaluators)
+    f = b(lanes.vectors(wi), lanes.vectors(wo), values, lanes.fused(b.modules) if evaluators is None else evaluators)
     z = mi.Float(np.ascontiguousarray(wo[:, 2]))
     dr.backward(sum(dr.log(1 + c * z) * weight for c, weight in zip(f, (1, 2, 3), strict=True)))
     result = {key: dr.grad(v) for key, v in values.items()}
