@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from .arguments import _set_variant
+from .progress_bar import progress_bar
 
 
 def check(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
-    from tqdm import tqdm
-
     from ..evaluation.check import COLUMNS, check
     from ..material.material import Material
     from ..output.table import print_table
 
     material = Material.load(args.file)
-    with tqdm(desc="check", unit=" parts", disable=args.json, leave=False) as bar:
-
-        def progress(part):
-            bar.update()
-            bar.set_postfix_str(part)
-
-        result = check(material, args.output, seed=args.seed, callback=progress)
-    print_table(result["rows"], COLUMNS, title=args.file)
-    print("\n".join([*result["files"].values(), "all as it should be" if result["ok"] else "something is off"]))
-    return result
+    with progress_bar("check", quiet=args.json) as tell:
+        report = check(material, args.output, seed=args.seed, progress=tell)
+    print_table(report.rows, COLUMNS, title=args.file)
+    print("\n".join([*report.files.values(), "all as it should be" if report.ok else "something is off"]))
+    return dataclasses.asdict(report)

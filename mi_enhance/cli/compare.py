@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from .arguments import _network, _set_variant
 
@@ -14,7 +15,7 @@ def compare(args: argparse.Namespace) -> dict:
 
     result = compare_files(
         args.data,
-        folder=args.output,
+        args.output,
         models=default_models(_network(args.network)),
         method=args.method,
         n_samples=args.samples,
@@ -22,7 +23,7 @@ def compare(args: argparse.Namespace) -> dict:
         scene=args.scene,
         resolution=args.resolution,
         spp=args.spp,
-        log=print,
+        progress=lambda progress: print(progress.stage),
     )
-    print_table(result["rows"] + result["mean"])
-    return result
+    print_table(result.rows + result.mean)
+    return dataclasses.asdict(result)

@@ -46,7 +46,9 @@ def make_demo(folder, *, data=None, resolution=256, spp=144, seed=0):
     start = time.perf_counter()
     path = Path(data) if data is not None else demo_data(_MATERIAL)
     folder = Path(folder)
-    rows = compare_file(path, folder=folder, resolution=resolution, spp=spp, seed=seed, log=print)
+    rows = compare_file(
+        path, folder, resolution=resolution, spp=spp, seed=seed, progress=lambda progress: print(progress.stage)
+    )
     tables = write_table(rows, folder / "table")
     seconds = time.perf_counter() - start
     columns = {key: value for key, value in COLUMNS.items() if key != "material"}  # one material: the title names it

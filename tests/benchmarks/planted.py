@@ -77,7 +77,7 @@ def first_change(slot: str, folder: Path, *, count: int, seed: int, **settings) 
     """The first stage of a search on planted materials, and what came second."""
     settings = {**SETTINGS, "max_modules": 1, "seed": seed, **settings}
     n = settings["n_samples"] + settings["n_aside"]
-    found = search("ggx", planted(slot, count, n, seed), folder, progress=False, **settings)
+    found = search("ggx", planted(slot, count, n, seed), folder, **settings)
     stage = found.stages[0]
     second = sorted(stage["candidates"], key=lambda row: row["score"])[1]
     return {
