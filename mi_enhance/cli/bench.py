@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
+from ..system.progress import silent
 from .arguments import _set_variant
 
 
@@ -20,11 +22,11 @@ def bench(args: argparse.Namespace) -> dict:
         resolution=args.resolution,
         spp=args.spp,
         rounds=args.rounds,
-        samples=args.samples,
+        n_samples=args.samples,
         seed=args.seed,
-        log=(lambda _: None) if args.json else print,
+        progress=silent if args.json else lambda progress: print(progress.stage),
     )
-    print_table(result["rows"], COLUMNS, title=", ".join(result["materials"]))
-    print_table(result["growth"], GROWTH_COLUMNS, title="how the time of a frame grows")
-    print(f"{result['files']['html']}\n" + ", ".join(f"{k} {v}" for k, v in result["machine"].items()))
-    return result
+    print_table(result.rows, COLUMNS, title=", ".join(result.materials))
+    print_table(result.growth, GROWTH_COLUMNS, title="how the time of a frame grows")
+    print(f"{result.files['html']}\n" + ", ".join(f"{k} {v}" for k, v in result.machine.items()))
+    return dataclasses.asdict(result)
