@@ -13,7 +13,7 @@ import numpy as np
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import data, models
-from mi_enhance.data import merl, nps
+from mi_enhance.data import directions, merl, nps
 from mi_enhance.hypercube import inheritance
 from mi_enhance.material.material import Material
 from mi_enhance.material.material_maps import MaterialMaps
@@ -121,7 +121,7 @@ def _damaged_bytes(content: bytes, rng: np.random.Generator) -> bytes:
 
 def _table() -> data.Measurements:
     rng = np.random.default_rng(0)
-    wi, wo = data.sampling.sample_pairs(30, seed=1)
+    wi, wo = directions.sample_pairs(30, seed=1)
     return data.Measurements(wi, wo, rng.random((30, 3)))
 
 
@@ -190,7 +190,7 @@ READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
         lambda p: Material.from_arrays(p.read_text(errors="replace"), *map(_material().to_dict().get, _ARRAYS)),
     ),
     "maps": ("x.exr", _write_maps, lambda p: MaterialMaps.load(p, _material())),
-    "model .toml": ("x.toml", ROOT / "docs/ashikhmin_shirley.toml", models.get),
+    "model .toml": ("x.toml", ROOT / "docs/ashikhmin_shirley.toml", models.from_toml),
     "training set": ("x.npz", _write_set, TrainingSet.read),
     "sources .json": ("x.json", lambda p: p.write_text(json.dumps(_SOURCES)), _jobs),
     "checkpoint": ("x.npz", _write_checkpoint, lambda p: inheritance.restore(_checkpoint(), p)),

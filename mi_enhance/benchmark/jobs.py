@@ -26,7 +26,8 @@ def kernel(contender: Contender) -> Callable:
     mitsuba: Any = mi  # its stubs do not type BSDFPtr
     # One of the pointers is to another BSDF: a single instance would be called without the dispatch that a scene has.
     other = mi.load_dict({"type": "diffuse"})
-    pointers: Any = dr.select(dr.arange(mi.UInt32, LANES) < LANES - 1, mitsuba.BSDFPtr(bsdf), mitsuba.BSDFPtr(other))
+    is_first = dr.arange(mi.UInt32, LANES) < LANES - 1
+    pointers: Any = dr.select(is_first, mitsuba.BSDFPtr(bsdf), mitsuba.BSDFPtr(other))
     dr.eval(wi, wo, pointers)
 
     def job(keep: object = (bsdf, other)) -> None:  # pointers do not own what they point to

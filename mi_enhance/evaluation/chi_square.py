@@ -128,7 +128,7 @@ def chi_square(
     passed = test.run(SIGNIFICANCE, test_count=test_count, quiet=True)
     return {
         "passed": bool(passed),
-        "p_value": float(test.p_value),
+        "p_value": float(test.p_value or 0),
         "normalization": float(test.pdf_sum[0] / test.histogram_sum[0]),
         "message": test.messages.strip().replace("\n", " "),
     }

@@ -65,8 +65,8 @@ def fit_images(
         By id of the BSDF (what its keys in ``mi.traverse(scene)`` begin with, where it has none), what the scene was
         loaded with; needed only for the library of starts of a network that came from memory.
     unknowns : sequence of str or Unknown, optional
-        Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.images.unknowns`. All but the
-        tilt of the normal if left out.
+        Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.images.unknowns`. All
+        but the tilt of the normal if left out.
     starts : sequence of dict, optional
         More starts: values by key of ``mi.traverse(scene)``.
     light_scale : bool

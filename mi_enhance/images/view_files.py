@@ -2,173 +2,187 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import json
 import math
+import unicodedata
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from ..output.srgb import encode_srgb
-from ..system.files import read_json, replacing, require_file
+from ..system.messages import shortened
+from .camera_entries import check_camera, check_same_for_all, intrinsics, merged, number, pose, unknown_entries
+from .own_files import OwnFiles, inner_name
+from .photograph import Photograph, read_photograph, turned
+from .pose_file import FILE, pose_files, read_poses, split
 from .views import View
 
-FILE = "transforms.json"
-SPLITS = ("train", "test")
-_RIGID = 1e-3  # largest deviation from a rotation: files hold 4 to 7 digits
-_SQUARE = 2e-3  # relative difference of fl_x and fl_y that is a rounded calibration, not another pixel shape
-_FLOATS = (mi.Struct.Type.Float16, mi.Struct.Type.Float32, mi.Struct.Type.Float64)
+_SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".hdr", ".pfm")
+_WHOLE = 0.99  # alpha from which a pixel shows nothing but the object: what is behind it is not known
+_MASK = 0.2  # linear, half of the 8-bit range: mask files are drawn, not measured
 
 
-def read_views(path) -> list[View]:
+def read_views(path: str | Path, *, factor: int = 1) -> list[View]:
     """Read photographs with poses.
 
     Parameters
     ----------
     path : str or Path
-        A ``transforms.json`` or the folder that holds it; its entries are described in ``docs/images.md``.
+        A ``transforms.json`` or the folder that holds it, or the three files of a NeRF data set; the entries are
+        described in ``docs/images.md``.
+    factor : int
+        Each image is made so many times smaller as soon as it is read, see :meth:`View.smaller`.
 
     Returns
     -------
     list of View
+        A view without a pixel that counts is left out, with a warning.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        For a missing file or image, wrong JSON, no frames, a matrix that is not a rotation and translation, images of
-        the wrong size, with NaN, or without a single pixel that counts.
+        For a missing or damaged file or image, wrong JSON, no frames, a camera that is no pinhole, a matrix that is
+        not a rotation and translation, images of the wrong size, with NaN outside of the mask, or all without a pixel
+        that counts.
 
     Examples
     --------
     >>> views = read_views("photos/transforms.json")  # doctest: +SKIP
     """
-    path = Path(path) / FILE if Path(path).is_dir() else Path(path)
     where = f'read_views("{path}")'
-    content = read_json(require_file(path, where), "read_views()", ["frames"])
-    frames = content["frames"]
-    if not isinstance(frames, list) or not frames:
-        raise ValueError(f"{where}: frames must be a list of at least one frame; got {_short(frames)}.")
-    views = [_view(content, frame, path.parent, f"{where}, frame {k}") for k, frame in enumerate(frames)]
-    names = [v.name for v in views]
-    twice = sorted({n for n in names if names.count(n) > 1})
-    if twice:
-        raise ValueError(f'{where}: "{twice[0]}" is the name of two frames. Give each image a file of its own.')
-    return views
+    files = pose_files(Path(path), where)
+    views: list[View] = []
+    paths: list[str] = []
+    contents: list[dict[str, Any]] = []
+    for file, of_file in files.items():
+        content, frames = read_poses(file, where)
+        contents += [content, *frames]
+        check_same_for_all([merged(content, frame) for frame in frames], where)
+        at = f"{where}, {file.name}" if len(files) > 1 else where
+        for k, frame in enumerate(frames):
+            own = of_file or split(content, frame, f"{at}, frame {k}")
+            if own:
+                paths.append(frame["file_path"])
+                views.append(_view(content, frame, file.parent, own, f"{at}, frame {k}").smaller(factor))
+    unknown = sorted({name for entries in contents for name in unknown_entries(entries)})
+    if unknown:
+        warnings.warn(f"{where}: entries that are not known are passed over: {', '.join(unknown)}", stacklevel=2)
+    if not views:
+        raise ValueError(f"{where}: train_filenames and the like name no frame. Give the names that file_path has.")
+    return _those_that_count(_with_names(views, where), paths, where)
 
 
-def _view(content: dict, frame, folder: Path, where: str) -> View:
-    if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
-        raise ValueError(f"{where}: must be an object with file_path; got {_short(frame)}.")
-    both = {**content, **frame}  # a frame's own camera wins
-    for name in ("k1", "k2", "k3", "k4", "p1", "p2"):
-        if both.get(name):
-            raise ValueError(
-                f"{where}: lens distortion ({name} = {both[name]}) is not modelled. Undistort the images, set it to 0."
-            )
+def _view(content: dict[str, Any], frame: dict[str, Any], folder: Path, split: str, where: str) -> View:
+    both = merged(content, frame)
+    check_camera(both, where)
+    to_world = pose(frame.get("transform_matrix"), where)
     file = _image_file(folder, frame["file_path"], where)
-    image, ceiling = _read_image(file, where)
+    photograph = _as_seen(read_photograph(file, where), both)
+    image = photograph.image
     height, width = image.shape[:2]
     for key, size in (("w", width), ("h", height)):
         if key in both and both[key] != size:
-            raise ValueError(f"{where}: {file.name} is {width} x {height} pixels, {key} says {both[key]}. Correct one.")
-    split = frame.get("split", "train")
-    if split not in SPLITS:
-        raise ValueError(f'{where}: split "{split}" is unknown. Choose one of: {", ".join(SPLITS)}.')
-    mask = _read_mask(folder, frame["mask_path"], image, where) if frame.get("mask_path") else None
-    center = (_number(both, "cx", width / 2, where) / width, _number(both, "cy", height / 2, where) / height)
-    return View(
-        Path(frame["file_path"]).with_suffix("").as_posix(),
+            raise ValueError(
+                f"{where}: {file.name} is {width} x {height} pixels, {key} says {shortened(both[key])}. Correct one."
+            )
+    camera = intrinsics(content, frame, width, height, where)
+    counts = np.ones((height, width), bool) if photograph.alpha is None else photograph.alpha >= _WHOLE
+    if frame.get("mask_path"):
+        counts &= _read_mask(folder, frame["mask_path"], (height, width), both, where)
+    bad = np.count_nonzero(~np.isfinite(image[counts]))
+    if bad:
+        raise ValueError(
+            f"{where}: {file.name} holds {bad} values that are NaN or infinite. Repair them, or give a mask_path "
+            "that is black there."
+        )
+    view = View(
+        _without_suffix(frame["file_path"]),
         image,
-        _pose(frame.get("transform_matrix"), where),
-        _fov(both, width, where),
-        mask,
+        to_world,
+        math.degrees(2 * math.atan(width / (2 * camera.focal_x))),
+        counts,
         split,
-        ceiling,
-        center,
+        number(frame, "ceiling", photograph.ceiling, where),
+        (camera.center_x / width, camera.center_y / height),
     )
+    return view if camera.is_square else view.with_square_pixels(camera.focal_y / camera.focal_x)
 
 
 def _image_file(folder: Path, name: str, where: str) -> Path:
-    for candidate in (folder / name, folder / f"{name}.exr", folder / f"{name}.png"):
-        if candidate.is_file():
-            return candidate
-    raise FileNotFoundError(f'{where}: there is no image "{name}" beside the file. Check file_path.')
+    for spelling in (name, name.replace("\\", "/")):  # Windows writes images\a.png
+        for candidate in (folder / spelling, *(folder / f"{spelling}{suffix}" for suffix in _SUFFIXES)):
+            try:
+                if candidate.is_file():
+                    return candidate
+            except (OSError, ValueError):  # a name that is too long, or holds what no name may
+                break
+    raise FileNotFoundError(f'{where}: there is no image "{name[:200]}" beside the file. Check file_path.')
 
 
-def _read_image(file: Path, where: str) -> tuple[np.ndarray, float]:
-    """Linear RGB, and where the camera saturates."""
-    try:
-        bitmap = mi.Bitmap(str(file))
-    except RuntimeError as error:
-        raise ValueError(f"{where}: {file.name} cannot be read as an image ({str(error).splitlines()[-1]}).") from None
-    ceiling = math.inf if bitmap.component_format() in _FLOATS else 1.0
-    image = np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False))
-    bad = np.count_nonzero(~np.isfinite(image))
-    if bad:
-        raise ValueError(f"{where}: {file.name} holds {bad} values that are NaN or infinite. Repair them or mask them.")
-    return image, ceiling
+def _without_suffix(name: str) -> str:
+    """The name of a view: a dot in it need not begin a suffix."""
+    path = Path(name.replace("\\", "/"))
+    return (path.with_suffix("") if path.suffix.lower() in _SUFFIXES else path).as_posix()
 
 
-def _read_mask(folder: Path, name, image: np.ndarray, where: str) -> np.ndarray:
-    mask, _ = _read_image(_image_file(folder, str(name), where), where)
-    if mask.shape != image.shape:
-        sizes = [f"{a.shape[1]} x {a.shape[0]}" for a in (mask, image)]
+def _as_seen(photograph: Photograph, both: dict[str, Any]) -> Photograph:
+    """The photograph turned as its EXIF says, unless w and h are those of the image as it is stored."""
+    stored = photograph.image.shape[1], photograph.image.shape[0]
+    if photograph.orientation >= 5 and (both.get("w"), both.get("h")) == stored and stored[0] != stored[1]:
+        return photograph
+    alpha = photograph.alpha if photograph.alpha is None else turned(photograph.alpha, photograph.orientation)
+    return dataclasses.replace(photograph, image=turned(photograph.image, photograph.orientation), alpha=alpha)
+
+
+def _read_mask(folder: Path, name: object, shape: tuple[int, int], both: dict[str, Any], where: str) -> np.ndarray:
+    if not isinstance(name, str) or "\0" in name:
+        raise ValueError(f"{where}: mask_path must be the name of a file; got {shortened(name)}.")
+    mask = _as_seen(read_photograph(_image_file(folder, name, where), where), both)
+    if mask.image.shape[:2] != shape:
+        sizes = [f"{s[1]} x {s[0]}" for s in (mask.image.shape, shape)]
         raise ValueError(f"{where}: mask {name} is {sizes[0]} pixels, its image {sizes[1]}. Give it the same size.")
-    mask = mask[..., 0] > 0.2  # 0.2 linear is half of the 8-bit range: mask files are drawn, not measured
-    if not mask.any():
-        raise ValueError(f"{where}: mask {name} is black, no pixel counts. White is what counts.")
-    return mask
+    white = mask.image.max(-1) > _MASK  # false for NaN
+    if mask.alpha is None:
+        return white
+    opaque = mask.alpha >= 0.5
+    # drawn in one colour, any, on a transparent ground: then alpha alone is the mask
+    return opaque & white if (white & opaque).any() or opaque.all() else opaque
 
 
-def _pose(matrix, where: str) -> np.ndarray:
-    try:
-        m = np.array(matrix, np.float64)
-    except (TypeError, ValueError):
-        m = np.zeros(0)
-    if m.shape != (4, 4) or not np.isfinite(m).all():
-        raise ValueError(f"{where}: transform_matrix must be 4 x 4 numbers, camera to world; got {_short(matrix)}.")
-    rotation = m[:3, :3]
-    error = max(np.abs(rotation @ rotation.T - np.eye(3)).max(), np.abs(m[3] - [0, 0, 0, 1]).max())
-    if error > _RIGID or np.linalg.det(rotation) < 0:
-        raise ValueError(
-            f"{where}: transform_matrix is not a rotation and a translation (off by {error:.2g}, determinant "
-            f"{np.linalg.det(rotation):.3g}). Take scale and mirroring out of it."
-        )
-    return m
+def _with_names(views: list[View], where: str) -> list[View]:
+    names = [v.name for v in views]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise ValueError(f'{where}: "{twice[0]}" is the name of two frames. Give each image a name of its own.')
+    return views
 
 
-def _fov(both: dict, width: int, where: str) -> float:
-    if "fl_x" in both:
-        focal = _number(both, "fl_x", None, where)
-        other = _number(both, "fl_y", focal, where)
-        if focal <= 0 or abs(other / focal - 1) > _SQUARE:
-            raise ValueError(
-                f"{where}: fl_x = {focal:g}, fl_y = {other:g}; needed: positive and equal (square pixels)."
-            )
-        return math.degrees(2 * math.atan(width / (2 * focal)))
-    if "camera_angle_x" not in both:
-        raise ValueError(f"{where}: neither camera_angle_x (radians) nor fl_x (pixels) is given. One is needed.")
-    angle = _number(both, "camera_angle_x", None, where)
-    if not 0 < angle < math.pi:
-        raise ValueError(f"{where}: camera_angle_x = {angle:g}; it is in radians, between 0 and pi.")
-    return math.degrees(angle)
+def _those_that_count(views: list[View], paths: list[str], where: str) -> list[View]:
+    """The views with a pixel that counts."""
+    empty = [path for view, path in zip(views, paths, strict=True) if not view.mask.any()]
+    if not empty:
+        return views
+    names = f"{', '.join(empty[:5])}{', ...' if len(empty) > 5 else ''}"
+    advice = f"White is what counts in a mask, opaque (alpha above {_WHOLE}) in a photograph."
+    if len(empty) == len(views):
+        raise ValueError(f"{where}: no pixel counts in any of the {len(views)} images ({names}). {advice}")
+    warnings.warn(
+        f"{where}: {len(empty)} of {len(views)} views left out, no pixel counts: {names}. {advice}", stacklevel=3
+    )
+    return [view for view in views if view.mask.any()]
 
 
-def _number(both: dict, key: str, default, where: str) -> float:
-    value = both.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError(f"{where}: {key} must be a number; got {_short(value)}.")
-    return float(value)
-
-
-def _short(value) -> str:
-    text = repr(value)
-    return text if len(text) < 80 else f"{text[:77]}..."
-
-
-def write_views(views: Sequence[View], folder, *, suffix: str = ".exr") -> Path:
+def write_views(views: Sequence[View], folder: str | Path, *, suffix: str = ".exr") -> Path:
     """Write photographs with poses, as :func:`read_views` reads them.
+
+    Everything lies inside the folder, whatever the views are called: ``../images/a`` is written as ``images/a``. Files
+    that this function has written there before are replaced, no others.
 
     Parameters
     ----------
@@ -183,18 +197,22 @@ def write_views(views: Sequence[View], folder, *, suffix: str = ".exr") -> Path:
     Path
         Of ``transforms.json``, which is written last.
 
+    Raises
+    ------
+    ValueError
+        If the suffix is unknown, or a file of somebody else has the name of one that is to be written; then nothing is.
+
     Examples
     --------
     >>> write_views(views, "photos")  # doctest: +SKIP
     """
     if suffix not in (".exr", ".png"):
         raise ValueError(f'write_views(): suffix "{suffix}" is unknown. Choose one of: .exr, .png.')
-    folder, frames = Path(folder), []
-    folder.mkdir(parents=True, exist_ok=True)
+    own, frames, taken = OwnFiles(Path(folder), "write_views()"), [], {FILE}
     for view in views:
         width, height = view.size
-        frame = {
-            "file_path": f"{view.name}{suffix}",
+        frame: dict[str, Any] = {
+            "file_path": _free_name(inner_name(view.name), suffix, taken),
             "transform_matrix": view.to_world.tolist(),
             "camera_angle_x": math.radians(view.fov),
             "w": width,
@@ -203,21 +221,37 @@ def write_views(views: Sequence[View], folder, *, suffix: str = ".exr") -> Path:
             "cy": view.principal_point[1] * height,
             "split": view.split,
         }
-        _write_image(view.image, folder / frame["file_path"])
         if not view.mask.all():
-            frame["mask_path"] = f"{view.name}_mask.png"
-            _write_image(np.repeat(view.mask[..., None], 3, 2).astype(np.float32), folder / frame["mask_path"])
+            frame["mask_path"] = _free_name(f"{inner_name(view.name)}_mask", ".png", taken)
+        if suffix == ".exr" and math.isfinite(view.ceiling):
+            frame["ceiling"] = view.ceiling  # of a PNG file it is known
         frames.append(frame)
-    with replacing(folder / FILE) as temporary:
+    for name in [FILE, *(f[key] for f in frames for key in ("file_path", "mask_path") if key in f)]:
+        own.check(name)  # all, before the first is written
+    for view, frame in zip(views, frames, strict=True):
+        _write_image(view.image, own, frame["file_path"])
+        if "mask_path" in frame:
+            _write_image(np.repeat(view.mask[..., None], 3, 2).astype(np.float32), own, frame["mask_path"])
+    with own.replacing(FILE) as temporary:
         Path(temporary).write_text(json.dumps({"frames": frames}, indent=1) + "\n", encoding="utf-8")
-    return folder / FILE
+    return own.folder / FILE
 
 
-def _write_image(image: np.ndarray, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".png":
+def _free_name(stem: str, suffix: str, taken: set[str]) -> str:
+    """A name that no other file of the folder has, on no system; it is added to those that are taken."""
+    for k in itertools.count(1):
+        name = f"{stem}{suffix}" if k == 1 else f"{stem}_{k}{suffix}"
+        key = unicodedata.normalize("NFKC", name).casefold()  # A and a are one file on Windows and macOS
+        if key not in taken:
+            break
+    taken.add(key)
+    return name
+
+
+def _write_image(image: np.ndarray, own: OwnFiles, name: str) -> None:
+    if name.endswith(".png"):
         bitmap = mi.Bitmap(np.round(encode_srgb(image) * 255).astype(np.uint8))
     else:
         bitmap = mi.Bitmap(np.ascontiguousarray(image, np.float32))
-    with replacing(path) as temporary:
+    with own.replacing(name) as temporary:
         bitmap.write(temporary)

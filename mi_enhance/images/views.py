@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from numbers import Integral
 
 import mitsuba as mi
 import numpy as np
@@ -31,7 +32,7 @@ class View:
     fov : float
         Field of view over the width, degrees.
     mask : array (H, W) of bool, optional
-        Pixels that count; all if left out.
+        Pixels that count; all if left out. What the others hold plays no part; NaN and infinity become 0 there.
     split : {"train", "test"}
         What is fitted, or held out and only reported.
     ceiling : float
@@ -50,7 +51,7 @@ class View:
     image: np.ndarray
     to_world: np.ndarray
     fov: float
-    mask: np.ndarray | None = None
+    mask: np.ndarray = None  # type: ignore[assignment]  # never None afterwards
     split: str = "train"
     ceiling: float = math.inf
     principal_point: tuple[float, float] = (0.5, 0.5)
@@ -58,6 +59,9 @@ class View:
     def __post_init__(self):
         if self.mask is None:
             object.__setattr__(self, "mask", np.ones(self.image.shape[:2], bool))
+        hidden = ~self.mask[..., None] & ~np.isfinite(self.image)
+        if hidden.any():  # 0 times NaN, a weight times a pixel, would be NaN
+            object.__setattr__(self, "image", np.where(hidden, 0, self.image).astype(self.image.dtype))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -95,6 +99,8 @@ class View:
         What is left over at the right and lower border is cut off. A block with a saturated pixel is known from below
         only: its value is taken as saturated if it is, and left out of the mask else.
         """
+        if isinstance(factor, bool) or not isinstance(factor, Integral) or factor < 1:
+            raise ValueError(f'view "{self.name}": made {factor!r} times smaller; needed: a positive integer.')
         if factor == 1:
             return self
         height, width = (n // factor for n in self.image.shape[:2])
@@ -106,13 +112,57 @@ class View:
         def blocks(a):
             return a[: height * factor, : width * factor].reshape(height, factor, width, factor, *a.shape[2:])
 
-        full, rest = blocks(self.saturated).all((1, 3)), blocks(self.saturated).any((1, 3))
+        all_of, any_of = blocks(self.saturated).all((1, 3)), blocks(self.saturated).any((1, 3))
         image = blocks(self.image).mean((1, 3), dtype=np.float64).astype(np.float32)
         share = width * factor / self.size[0], height * factor / self.size[1]
+        return self._cut(image, blocks(self.mask).all((1, 3)) & ~(any_of & ~all_of).any(-1), share)
+
+    def with_square_pixels(self, ratio: float) -> View:
+        """The same view resampled to square pixels, as Mitsuba's camera has them.
+
+        The finer axis is made coarser: each new pixel is the mean over its square. It counts if all pixels do that it
+        covers, and is taken as saturated as in :meth:`smaller`. What is left over at the right or lower border is cut
+        off.
+
+        Parameters
+        ----------
+        ratio : float
+            Focal length in rows over that in columns: above 1 where pixels are wider than high.
+
+        Examples
+        --------
+        >>> View("anamorphic", np.ones((8, 6, 3), np.float32), np.eye(4), 40.0).with_square_pixels(2.0).size
+        (6, 4)
+        """
+        axis, step = (0, ratio) if ratio > 1 else (1, 1 / ratio)
+        old = self.image.shape[axis]
+        n = int(old / step + 1e-6)  # 1e-6: a whole number that rounding made smaller
+        if not n:
+            raise ValueError(f'view "{self.name}": {old} pixels are too few for pixels {step:g} times as large.')
+        first = np.arange(n) * step
+        image, seen = np.zeros((n, *np.delete(self.image.shape, axis)), np.float32), np.moveaxis(self.image, axis, 0)
+        mask, bright = np.moveaxis(self.mask, axis, 0), np.moveaxis(self.saturated, axis, 0)
+        counts, all_of, any_of = np.ones(image.shape[:2], bool), np.ones(image.shape, bool), np.zeros(image.shape, bool)
+        for k in range(int(np.ceil(step)) + 1):
+            index = np.floor(first).astype(int) + k
+            weight = np.clip(np.minimum(index + 1, first + step) - np.maximum(index, first), 0, None) / step
+            index, used = np.minimum(index, old - 1), weight > 1e-6  # less is rounding
+            image += (weight * used)[:, None, None].astype(np.float32) * seen[index]
+            counts &= mask[index] | ~used[:, None]
+            all_of &= bright[index] | ~used[:, None, None]
+            any_of |= bright[index] & used[:, None, None]
+        # a mean of ones may be 1 - 6e-8
+        image = np.where(all_of, max(self.ceiling, 0) if np.isfinite(self.ceiling) else image, image).astype(np.float32)
+        share = (1.0, n * step / old) if axis == 0 else (n * step / old, 1.0)
+        counts &= ~(any_of & ~all_of).any(-1)
+        return self._cut(np.moveaxis(image, 0, axis), np.moveaxis(counts, 0, axis), share)
+
+    def _cut(self, image: np.ndarray, mask: np.ndarray, share: tuple[float, float]) -> View:
+        """Another image of that share of width and height, from the upper left corner."""
         return dataclasses.replace(
             self,
-            image=image,
-            mask=blocks(self.mask).all((1, 3)) & ~(rest & ~full).any(-1),
+            image=np.ascontiguousarray(image),
+            mask=mask,
             # the width that is left covers less of the plane in front of the camera
             fov=math.degrees(2 * math.atan(share[0] * math.tan(math.radians(self.fov) / 2))),
             principal_point=(self.principal_point[0] / share[0], self.principal_point[1] / share[1]),

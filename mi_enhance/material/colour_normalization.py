@@ -16,6 +16,7 @@ import numpy as np
 
 from ..analytic import parameters
 from ..analytic.graph import Node
+from ..analytic.parameters import MAX_LOG
 from ..sampling import importance
 from .material import Material
 
@@ -45,7 +46,7 @@ def normalize(material: Material) -> Material:
         # 1e-6: a term that reflects nothing, or has no colour, has nothing to move
         if min(albedo, analytic, largest) < 1e-6:
             continue
-        scale = np.clip(min(albedo / analytic, colour.high / largest), np.exp(-20), np.exp(20))
+        scale = np.clip(min(albedo / analytic, colour.high / largest), np.exp(-MAX_LOG), np.exp(MAX_LOG))
         params[colour.name] = params[colour.name] * scale
         params[f"norm_{slot}"] = np.array([-np.log(scale)])
     return dataclasses.replace(material, params=params)

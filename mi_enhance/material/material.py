@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameters
+from ..analytic.models import Model
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.mlp import flatten
@@ -21,10 +22,11 @@ from ..system import tensor_file
 from ..system.bundled_files import DEFAULT_NETWORK, network_file
 from ..system.files import replacing
 from . import material_file
+from .old_names import OldNames
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Material:
+class Material(OldNames):
     """What is saved, loaded, edited, shown and rendered.
 
     Parameters
@@ -78,9 +80,9 @@ class Material:
     # ------------------------------------------------------------------ where they come from
 
     @staticmethod
-    def analytic(name: str) -> Material:
-        """An analytic model without networks, at its starting values; by name, or from a ``.toml`` file."""
-        return Material(enhance(name, replace=()), {})
+    def analytic(model: Model | str) -> Material:
+        """Return an analytic model, or the one of that name, without modules and at its starting values."""
+        return Material(enhance(model, replace=()), {})
 
     @staticmethod
     def pretrained(name: str = DEFAULT_NETWORK) -> Material:
@@ -181,7 +183,7 @@ class Material:
         if self.bound_energy:
             shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
             bound = energy_bound.table(self.brdf, params, shares)
-            f *= energy_bound.factor(bound, wi, params) * energy_bound.factor(bound, wo, params)
+            f = energy_bound.bounded(f, bound, wi, wo, params)
         return np.array(f).T
 
     def bsdf(self) -> mi.BSDF:

@@ -106,14 +106,11 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
         if isinstance(replace, list):
             replace = dict.fromkeys(replace, description["hidden"])
         # before any array is made: a few characters must not ask for all the memory there is
-        for slot, hidden in replace.items():
-            if not 1 <= len(hidden) <= 8 or any(not 0 < int(n) <= 1024 for n in hidden):
-                raise ValueError(f"hidden layers {hidden[:8]} of {slot} out of range: 1 to 8 layers of 1 to 1024")
         if not 0 <= n_latent <= 1024:
             raise ValueError(f"n_latent {n_latent} out of range: 0 to 1024")
         return enhance(
             alternative_terms.with_terms(_model(description), description.get("terms", {})),
-            {slot: [int(n) for n in hidden] for slot, hidden in replace.items()},
+            dict(replace),
             n_latent=n_latent,
             inputs=description["inputs"],
             modulated=bool(description.get("modulated", False)),
@@ -125,7 +122,7 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
 def _model(description: dict) -> models.Model:
     """The package's own by name, another from the text that is in the file: no other file is read."""
     text = description.get("model_text", "")
-    return models.from_expression(text) if text else models.registered(description["model"])
+    return models.from_expression(text) if text else models.get(description["model"])
 
 
 def flat(networks: tuple[distilled_network.DistilledNetwork, ...]) -> np.ndarray:

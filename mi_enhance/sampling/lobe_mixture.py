@@ -49,8 +49,11 @@ def scaled(model: Model, lobes: Sequence[tuple]) -> Model:
 
     def result(params):
         own = model.lobes({**absent, **params})
-        # 1e-4 to 1: where Mitsuba's own microfacet distribution ends, and where there is nothing wider
-        return [(own[k][0], *(dr.clip(a * c, 1e-4, 1) for a in own[k][1:])) for k, c in lobes if own[k][0] is not None]
+        return [
+            (own[k][0], *(dr.clip(a * c, *parameters.ROUGHNESS) for a in own[k][1:]))
+            for k, c in lobes
+            if own[k][0] is not None
+        ]
 
     return dataclasses.replace(model, lobes=result)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..analytic import parameters
 from ..analytic.graph import Node
+from ..analytic.parameters import MAX_LOG
 from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..neural import inputs as inputs_module
@@ -75,11 +76,11 @@ class FactorProblem:
         return np.stack([self.features[name] for name in inputs], 1)
 
     def _sum(self, logs: np.ndarray, index: slice = slice(None)) -> np.ndarray:
-        return np.einsum("nmc,nm->nc", self.coefficients[index], np.exp(np.clip(logs, -20, 20)))
+        return np.einsum("nmc,nm->nc", self.coefficients[index], np.exp(np.clip(logs, -MAX_LOG, MAX_LOG)))
 
     def _slopes(self, logs: np.ndarray, f: np.ndarray, index: slice) -> np.ndarray:
         """Derivatives (n, channels, factors) of log(1 + f cos)."""
-        factor = np.exp(np.clip(logs, -20, 20))
+        factor = np.exp(np.clip(logs, -MAX_LOG, MAX_LOG))
         cos = self.cos[index]
         return np.einsum("nmc,nm,nc->ncm", self.coefficients[index], factor, cos / (1 + f * cos))
 

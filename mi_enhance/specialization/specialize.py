@@ -33,8 +33,8 @@ _TRAINING, _VALIDATION = 8192, 20_000  # pairs of directions
 _AT_BEST = 2.5  # the next size is never better by more: what is hopeless is not tried
 _STARTS, _FEW = 4, 1024  # first weights that are tried, on how many pairs
 _MIN_COS = 1e-3  # closer to the horizon than any measurement: a render asks there, too
-# All features but the last, the logarithm of the ratio of the cosines, which adds little to their difference.
-_INPUTS = inputs_module.NAMES[:-1]
+# The logarithm of the ratio of the cosines adds little to their difference.
+_INPUTS = tuple(name for name in inputs_module.NAMES if name != "log_ratio")
 # Inputs that vary by less say nothing: the azimuth where the roughnesses are equal, asymmetry where there is none.
 _MIN_SPREAD = 5e-3
 

@@ -119,13 +119,12 @@ WRONG = {
     "4 x 4 numbers": lambda c: c["frames"][0].update(transform_matrix=[[1, 0], [0, "x"]]),
     "neither camera_angle_x": lambda c: c["frames"][0].pop("camera_angle_x"),
     "it is in radians": lambda c: c["frames"][0].update(camera_angle_x=40),
-    "square pixels": lambda c: c.update(fl_x=10, fl_y=12),
     "lens distortion": lambda c: c.update(k1=0.1),
     'split "val" is unknown': lambda c: c["frames"][0].update(split="val"),
     "the name of two frames": lambda c: c["frames"][1].update(file_path="view_00.exr"),
     "camera_angle_x must be a number": lambda c: c["frames"][0].update(camera_angle_x="wide"),
     "Give it the same size": lambda c: c["frames"][0].update(mask_path="small.png"),
-    "no pixel counts": lambda c: c["frames"][0].update(mask_path="black.png"),
+    "no pixel counts in any": lambda c: [f.update(mask_path="black.png") for f in c["frames"]],
 }
 
 
@@ -144,14 +143,15 @@ def test_no_json_no_file_no_image_and_nan_are_refused(photos, tmp_path):
     (tmp_path / FILE).write_text("{")
     with pytest.raises(ValueError, match="is no JSON"):
         read_views(tmp_path)
+    (tmp_path / FILE).unlink()
     write_views(photos, tmp_path)
     (tmp_path / "view_00.exr").write_bytes(b"no image")
     with pytest.raises(ValueError, match="cannot be read as an image"):
         read_views(tmp_path)
     image = photos[0].image.copy()
     image[1, 1] = np.nan
-    write_views([dataclasses.replace(photos[0], image=image)], tmp_path)
-    with pytest.raises(ValueError, match="3 values that are NaN"):
-        read_views(tmp_path)
+    write_views([dataclasses.replace(photos[0], image=image)], tmp_path / "nan")
+    with pytest.raises(ValueError, match="3 values that are NaN.*mask_path"):
+        read_views(tmp_path / "nan")
     with pytest.raises(ValueError, match="suffix"):
         write_views(photos, tmp_path, suffix=".jpg")

@@ -1,0 +1,229 @@
+"""What the entries of a ``transforms.json`` say of a camera: each is honoured, refused, or known to change no picture.
+
+The entries are those of nerfstudio, instant-ngp and its ``colmap2nerf``, Blender's NeRF exporters, and the converters
+of Metashape, Polycam, Record3D, RealityCapture. The table is in docs/images.md.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..system.messages import shortened
+
+Entries = Mapping[str, Any]
+
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE")
+# Numbers, or lists of them, that bend the picture: k1..k6 radial, p1..p4 tangential, s1..s4 and sx, sy thin prism, b1,
+# b2 affine.
+_DISTORTION = re.compile(
+    r"([kpsb]\d|s[xy]\d|skew|distortion|distortion_params|distortion_coefficients|dist_coeffs|radial_distortion"
+    r"|tangential_distortion|ftheta_p\d|lens_params)$"
+)
+# Other cameras, and other conventions of poses: entry, and what to do about it. 0, false, null and [] say nothing.
+_REFUSED = {
+    "is_fisheye": "a fisheye camera is not modelled. Undistort the images to a pinhole camera",
+    "fisheye_crop_radius": "a fisheye camera is not modelled. Undistort the images to a pinhole camera",
+    "ftheta": "an f-theta camera is not modelled. Undistort the images to a pinhole camera",
+    "equirectangular": "a panorama is not modelled. Cut pinhole images out of it",
+    "latlong": "a panorama is not modelled. Cut pinhole images out of it",
+    "orthographic": "an orthographic camera is not modelled",
+    "ortho_scale": "an orthographic camera is not modelled",
+    "rolling_shutter": "a rolling shutter is not modelled. Take images from a camera that stands still",
+    "transform_matrix_start": "a moving camera is not modelled. Take images from a camera that stands still",
+    "transform_matrix_end": "a moving camera is not modelled. Take images from a camera that stands still",
+    "from_mitsuba": "poses are expected in OpenGL's convention. Turn each by half a turn about its y axis",
+    "from_na": "poses are expected in OpenGL's convention. Turn them into it",
+    "crop": "write the images that are left of a crop, with their own w, h, cx, cy",
+}
+_CAMERA = ("fl_x", "fl_y", "x_fov", "y_fov", "camera_angle_x", "camera_angle_y", "cx", "cy", "w", "h", "camera_model")
+# Honoured by view_files.py.
+_READ = (
+    "frames", "file_path", "transform_matrix", "mask_path", "split", "ceiling", "train_filenames", "val_filenames",
+    "test_filenames",
+)  # fmt: skip
+# About other things than the picture: settings of a training, depth, names, how the poses came to be.
+_HARMLESS = """
+    aabb aabb_scale scale offset render_aabb up avglen n_frames n_extra_learnable_dims
+    sharpness sharpness_discard_threshold importance_sampling wants_importance_sampling envmap light_dir
+    info fix_premult
+    white_transparent black_transparent mask_color enable_depth_loading enable_ray_loading integer_depth_scale
+    depth_unit_scale_factor depth_file_path depth_path depth_scale rays_path normal_path normal_file_path semantic_path
+    sensor_depth_path mono_depth_path mono_normal_path has_mono_prior confidence_path sharp
+    applied_transform applied_scale orientation_override auto_scale_poses_override scene_box ply_file_path sparse_pc
+    colmap_im_id colmap_image_id colmap_camera_id camera_id cam_id camera_name image_id id name label rotation
+    driver_parameters timestamp time frame frame_id frame_index near far near_plane far_plane worldtogt metadata version
+    generator description comment dataset scene units unit up_axis exposure white_balance iso shutter aperture
+""".split()
+# Of a camera's settings: photographs that differ in them are not of one brightness or colour.
+_SAME_FOR_ALL = ("exposure", "white_balance", "iso", "shutter", "aperture")
+_RIGID = 1e-3  # largest deviation from a rotation: files hold 4 to 7 digits
+_SQUARE = 2e-4  # relative difference of fl_x and fl_y that moves no pixel: half of one at the edge of 5,000
+_AGREE = 0.02  # by how much two entries for one field of view may differ, relatively: more is a mistake
+
+
+class Intrinsics(NamedTuple):
+    """Of a pinhole camera, in pixels."""
+
+    focal_x: float
+    focal_y: float
+    center_x: float
+    center_y: float
+
+    @property
+    def is_square(self) -> bool:
+        """Whether pixels are as wide as high."""
+        return abs(self.focal_y / self.focal_x - 1) <= _SQUARE
+
+
+def unknown_entries(entries: Entries) -> list[str]:
+    """Names of entries that mean nothing to this package."""
+    known = {*_READ, *_CAMERA, *_HARMLESS, *_REFUSED}
+    return [name for name in entries if name not in known and not _DISTORTION.match(name)]
+
+
+def check_camera(entries: Entries, where: str) -> None:
+    """Refuse every camera that is no pinhole, and poses in another convention.
+
+    Raises
+    ------
+    ValueError
+    """
+    for name, value in entries.items():
+        if _DISTORTION.match(name) and _says_something(value):
+            raise ValueError(
+                f"{where}: lens distortion ({name} = {shortened(value)}) is not modelled. Undistort the "
+                "images, set it to 0."
+            )
+        if name in _REFUSED and _says_something(value):
+            raise ValueError(f"{where}: {name} = {shortened(value)}: {_REFUSED[name]}.")
+    model = entries.get("camera_model")
+    if model is not None and (not isinstance(model, str) or model.upper() not in _PINHOLES):
+        raise ValueError(
+            f"{where}: camera_model {shortened(model)} is not modelled; read are {', '.join(_PINHOLES)}, without "
+            "distortion. Undistort the images to a pinhole camera."
+        )
+
+
+def check_same_for_all(all_entries: list[Entries], where: str) -> None:
+    """Refuse photographs whose settings differ, where they are told: one brightness means one radiance.
+
+    Raises
+    ------
+    ValueError
+    """
+    for name in _SAME_FOR_ALL:
+        values = {repr(entries[name]) for entries in all_entries if entries.get(name) is not None}
+        if len(values) > 1:
+            raise ValueError(
+                f"{where}: {name} differs between frames ({', '.join(sorted(values)[:3])}), which is not "
+                "modelled. Bring the images to one brightness and colour, and leave it out."
+            )
+
+
+def intrinsics(content: Entries, frame: Entries, width: int, height: int, where: str) -> Intrinsics:
+    """Return focal lengths and principal point; what a frame says of its camera wins over what the file says of all.
+
+    Raises
+    ------
+    ValueError
+        If no entry tells the field of view, two contradict each other, or one is no number in its range.
+    """
+    for own in (frame, content):
+        x = _focal(own, ("fl_x", "x_fov", "camera_angle_x"), width, where)
+        y = _focal(own, ("fl_y", "y_fov", "camera_angle_y"), height, where)
+        if x or y:
+            break
+    else:
+        raise ValueError(f"{where}: neither camera_angle_x (radians) nor fl_x (pixels) is given. One is needed.")
+    both = merged(content, frame)
+    return Intrinsics(x or y, y or x, number(both, "cx", width / 2, where), number(both, "cy", height / 2, where))
+
+
+def merged(content: Entries, frame: Entries) -> dict[str, Any]:
+    """Return the entries that hold for a frame; what is null is not there."""
+    return {name: value for entries in (content, frame) for name, value in entries.items() if value is not None}
+
+
+def pose(matrix: object, where: str) -> np.ndarray:
+    """Return camera to world, 4 x 4, from 4 x 4 or 3 x 4 numbers, in rows or one after the other.
+
+    Raises
+    ------
+    ValueError
+        If it is no rotation and translation.
+    """
+    try:
+        m = np.array(matrix, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        m = np.zeros(0)
+    if m.shape in ((16,), (12,)):
+        m = m.reshape(-1, 4)
+    if m.shape == (3, 4):
+        m = np.vstack([m, [0, 0, 0, 1]])
+    if m.shape != (4, 4) or not np.isfinite(m).all() or np.abs(m).max() > 1e9:
+        raise ValueError(f"{where}: transform_matrix must be 4 x 4 numbers, camera to world; got {shortened(matrix)}.")
+    rotation = m[:3, :3]
+    error = max(np.abs(rotation @ rotation.T - np.eye(3)).max(), np.abs(m[3] - [0, 0, 0, 1]).max())
+    if error > _RIGID or np.linalg.det(rotation) < 0:
+        raise ValueError(
+            f"{where}: transform_matrix is not a rotation and a translation (off by {error:.2g}, determinant "
+            f"{np.linalg.det(rotation):.3g}). Take scale and mirroring out of it."
+        )
+    return m
+
+
+def _focal(entries: Entries, names: tuple[str, str, str], size: int, where: str) -> float:
+    """Focal length in pixels along one side, 0 if nothing tells it."""
+    length, degrees, radians = names
+    found = {}
+    if entries.get(length) is not None:
+        found[length] = number(entries, length, 0, where)
+        if not 1e-6 * size < found[length] < 1e6 * size:
+            raise ValueError(
+                f"{where}: {length} = {found[length]:g} pixels; needed: positive, about the width of the image."
+            )
+    for name, unit, full in ((degrees, "degrees", 180.0), (radians, "radians", math.pi)):
+        if entries.get(name) is not None:
+            angle = number(entries, name, 0, where)
+            if not 0 < angle < full:
+                end = "pi" if unit == "radians" else "180"
+                raise ValueError(f"{where}: {name} = {angle:g}; it is in {unit}, between 0 and {end}.")
+            found[name] = size / (2 * math.tan(angle / full * math.pi / 2))
+    if not found:
+        return 0.0
+    lengths = list(found.values())
+    if max(lengths) > (1 + _AGREE) * min(lengths):
+        text = " and ".join(f"{name} ({value:.5g} pixels)" for name, value in found.items())
+        raise ValueError(f"{where}: {text} are two different fields of view of {size} pixels. Correct one.")
+    return lengths[0]
+
+
+def number(entries: Entries, key: str, default: float, where: str) -> float:
+    """Return an entry that must be a number.
+
+    Raises
+    ------
+    ValueError
+    """
+    value = entries.get(key)
+    if value is None:
+        return float(default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e15:
+        raise ValueError(f"{where}: {key} must be a number; got {shortened(value)}.")
+    return float(value)
+
+
+def _says_something(value: object) -> bool:
+    """False for 0, false, null, "" and lists and objects of them; text counts, unless it is a zero."""
+    if isinstance(value, Mapping):
+        return any(_says_something(v) for v in value.values())
+    if isinstance(value, (list, tuple)):
+        return any(_says_something(v) for v in value)
+    if isinstance(value, str):
+        return value.strip().lower() not in ("", "0", "0.0", "false", "none")
+    return bool(value)
