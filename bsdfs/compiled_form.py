@@ -98,7 +98,7 @@ class CompiledForm:
             folded = form.brdf.fold(varying, form.evaluators, self.begun)
         return form, folded
 
-    def _parts(self, known: Mapping) -> dict:
+    def _parts(self, known: dict) -> dict:
         """Return all parameters, unknown but for those given, as :meth:`EnhancedBRDF.begin_fold` takes them."""
-        unknown = {p.name: None if p.kind == "scalar" else [None] * p.size for p in self.brdf.parameters}
-        return {**unknown, **known}
+        unknown: dict = {p.name: None if p.kind == "scalar" else [None] * p.size for p in self.brdf.parameters}
+        return unknown | known

@@ -18,7 +18,6 @@ import numpy as np
 from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..material.material import Material
-from ..specialization.report import SpecializeReport
 from ..specialization.specialize import SIZES, specialize
 from ..system.cache import cached
 from ..system.progress import Callback, Progress, silent
@@ -169,7 +168,7 @@ def _layers(file: str) -> list:
 
 def _ours(file: Path, *, evaluators: str | None = None) -> Contender:
     m = Material.load(file)
-    report, brdf = SpecializeReport.of(m.report), m.brdf
+    brdf = m.brdf
     own = sum(4 * c.n_weights for c in brdf.distilled)
     return Contender(
         _load,
@@ -177,7 +176,7 @@ def _ours(file: Path, *, evaluators: str | None = None) -> Contender:
         m.n_bytes + own,
         0 if brdf.distilled else 4 * brdf.n_weights,
         brdf.multiply_adds,
-        m.report["seconds"] + (report.seconds if report else 0),
+        m.report["seconds"] + m.report.get("specialize_seconds", 0),
         not brdf.distilled,
     )
 

@@ -23,7 +23,7 @@ def kernel(contender: Contender) -> Callable:
     bsdf = contender.bsdf()
     wi, wo = (vector3f(w) for w in sample_pairs(LANES, seed=0))
     context = mi.BSDFContext()
-    mitsuba: Any = mi  # its stubs do not type BSDFPtr
+    mitsuba: Any = mi  # its stubs do not type BSDFPtr and Mask
     # One of the pointers is to another BSDF: a single instance would be called without the dispatch that a scene has.
     other = mi.load_dict({"type": "diffuse"})
     is_first = dr.arange(mi.UInt32, LANES) < LANES - 1
@@ -33,7 +33,7 @@ def kernel(contender: Contender) -> Callable:
     def job(keep: object = (bsdf, other)) -> None:  # pointers do not own what they point to
         si = dr.zeros(mi.SurfaceInteraction3f, LANES)
         si.wi = wi
-        dr.eval(pointers.eval(context, si, wo, mi.Mask(True)))
+        dr.eval(pointers.eval(context, si, wo, mitsuba.Mask(True)))
         dr.sync_thread()
 
     return job

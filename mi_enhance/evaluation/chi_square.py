@@ -30,7 +30,7 @@ class LobeDomain:
         self.wi, self.frame, self.alpha = wi, frame, (alpha_x, alpha_y)
 
     def bounds(self):
-        return mi.ScalarBoundingBox2f([-np.pi, 0], [np.pi, 1])
+        return mi.ScalarBoundingBox2f(mi.ScalarPoint2f(-np.pi, 0), mi.ScalarPoint2f(np.pi, 1))
 
     def aspect(self):
         return 1

@@ -13,6 +13,7 @@ from ..analytic import parameters
 from ..data.measurements import Measurements
 from ..material.colour_normalization import normalize, plain
 from ..material.material import Material
+from ..material.reports import FitReport
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
 from ..sampling.mixture_fit import fit_mixture
@@ -111,7 +112,7 @@ def fit(
             )
         vector, loss = run(material.brdf, measurements, starts, rng, callback, material.library, known)
     values = parameters.unflatten(material.brdf.parameters, vector)
-    report = {
+    report: FitReport = {
         "model": str(material.brdf),
         "log_l1": float(loss),
         "log_l1_analytic": float(loss_analytic),
@@ -129,9 +130,12 @@ def fit(
     }
     fitted = normalize(dataclasses.replace(material, params=values, report=report, library=None, bound_energy=False))
     std, undetermined = determined(fitted, measurements, loss, hold)
-    report = {**report, "std": std, "undetermined": undetermined}
+    report |= {"std": std, "undetermined": undetermined}
     fitted = dataclasses.replace(
-        fitted, report=report, lobe_albedo=albedo.lobe_albedo(fitted), mixture=fit_mixture(fitted)
+        fitted,
+        report=report,
+        lobe_albedo=albedo.lobe_albedo(fitted.brdf, fitted.as_drjit()),
+        mixture=fit_mixture(fitted.brdf, fitted.as_drjit()),
     )
     return _bounded(fitted, measurements) if bound_energy else fitted
 

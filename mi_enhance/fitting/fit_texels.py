@@ -229,6 +229,6 @@ def _maps(material: Material, values: np.ndarray, report: dict) -> MaterialMaps:
     parts = parameters.unflatten(material.brdf.parameters, np.moveaxis(values, 2, 0))
     base = material.edit(**{name: v.mean((1, 2)) for name, v in parts.items()})
     base = dataclasses.replace(base, report=report, library=None)
-    base = dataclasses.replace(base, lobe_albedo=albedo.lobe_albedo(base))
+    base = dataclasses.replace(base, lobe_albedo=albedo.lobe_albedo(base.brdf, base.as_drjit()))
     varying = {p.name for p in material.brdf.parameters if not p.fixed}
     return MaterialMaps(base, {name: np.moveaxis(v, 0, 2) for name, v in parts.items() if name in varying})

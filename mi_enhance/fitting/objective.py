@@ -33,18 +33,14 @@ class Objective:
     n : int
         Samples per problem.
     evaluators : dict, optional
-        Network evaluators; ``nn.Trainable`` with detached weights by default: cooperative vectors compile in a second,
-        baked weights outside of a virtual call in a minute, and every new network anew.
+        Network evaluators; :func:`mi_enhance.neural.trainable.fused` by default.
     """
 
     def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Mapping | None = None):
         self.brdf, self.n, self.wi, self.wo = brdf, n, wi, wo
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)
-        if evaluators is None:
-            evaluators = trainable.Trainable(brdf.modules)
-            dr.disable_grad(evaluators.weights)
-        self.evaluators = evaluators
+        self.evaluators = trainable.fused(brdf.modules) if evaluators is None else evaluators
         self._truth = [dr.log(1 + c * wo.z) for c in f]
 
     def _residual(self, f) -> list[mi.Float]:

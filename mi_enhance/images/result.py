@@ -84,7 +84,7 @@ def result(descent: Descent, placed: Mapping[str, SceneMaterial], views, setting
     for name, one in placed.items():
         if not one.is_textured:
             found = normalize(dataclasses.replace(one.read(descent.params), report=_of_material(report), library=None))
-            materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found))
+            materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found.brdf, found.as_drjit()))
     return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in views])
 
 

@@ -17,13 +17,14 @@ from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..fitting.losses import log_l1
 from ..material.material import Material
+from ..material.reports import SpecializeReport
 from ..neural import inputs as inputs_module
 from ..neural.distilled_network import DistilledNetwork
+from ..neural.enhanced_brdf import EnhancedBRDF
 from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import distillation, pruning
 from .factor_problem import FactorProblem, factors_of
-from .report import SpecializeReport
 
 SHARED = "ggx2_small"  # the network that textured materials get
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
@@ -79,7 +80,7 @@ def specialize(
     Material
         With the cheapest network whose error is small enough; if there is none, with the exact networks without the
         units that are linear for this material. Its `report` also holds the entries of a
-        :class:`mi_enhance.specialization.report.SpecializeReport`.
+        :class:`mi_enhance.material.reports.SpecializeReport`.
 
     Raises
     ------
@@ -125,17 +126,24 @@ def specialize(
         network = "exact, without linear units" if compact else "exact"
         error = validation.error(compact) if compact else 0.0
     brdf = dataclasses.replace(material.brdf, distilled=compact)
-    report = SpecializeReport(
-        network,
-        error,
-        brdf.multiply_adds,
-        material.brdf.multiply_adds,
-        time.perf_counter() - start,
-        max_error,
-        held_out.error(compact) if held_out else None,
-        held_out.error() if held_out else None,
-    )
-    return dataclasses.replace(material, brdf=brdf, report={**material.report, **report.entries()})
+    more: SpecializeReport = {"specialize_max_error": max_error}
+    if held_out:
+        more |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
+    return _specialized(material, brdf, network, error, start, more)
+
+
+def _specialized(
+    material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: SpecializeReport
+) -> Material:
+    """Return the material with another BRDF, and a report of its cost."""
+    report: SpecializeReport = {
+        "specialize_network": network,
+        "specialize_error": error,
+        "specialize_multiply_adds": brdf.multiply_adds,
+        "specialize_multiply_adds_exact": material.brdf.multiply_adds,
+        "specialize_seconds": time.perf_counter() - start,
+    }
+    return dataclasses.replace(material, brdf=brdf, report={**material.report, **report, **more})
 
 
 def _learn(
@@ -163,15 +171,11 @@ def _shared(material: Material, measurements: Measurements | None, seed: int, st
     f = material.evaluate(wi, wo)
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
     small = fit(Material.pretrained(SHARED), truth, seed=seed)
-    report = SpecializeReport(
-        SHARED,
-        log_l1(small.evaluate(wi, wo), f, wo[:, 2]),
-        small.brdf.multiply_adds,
-        material.brdf.multiply_adds,
-        time.perf_counter() - start,
-        log_l1=small.report["log_l1"] if measurements else None,
-    )
-    return dataclasses.replace(small, report={**material.report, **small.report, **report.entries()})
+    error = log_l1(small.evaluate(wi, wo), f, wo[:, 2])
+    more: SpecializeReport = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
+    small = dataclasses.replace(small, report={**material.report, **small.report})
+    more["specialize_multiply_adds_exact"] = material.brdf.multiply_adds
+    return _specialized(small, small.brdf, SHARED, error, start, more)
 
 
 def _measured(

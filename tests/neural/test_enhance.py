@@ -164,7 +164,7 @@ def test_hostile_materials_stay_finite_with_their_gradients(llvm, state, inputs)
     p = extreme(n, 27, seed=13)
     if not replace:
         del p["latent"]
-    values, evaluators = lanes.parameters(p), lanes.fused(brdf)
+    values, evaluators = lanes.parameters(p), lanes.fused(brdf.modules)
     dr.enable_grad(values)
     f = brdf(lanes.vectors(wi), lanes.vectors(wo), values, evaluators)
     a = np.array(f)

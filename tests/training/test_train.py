@@ -46,7 +46,7 @@ def test_imitation_gets_close_to_the_terms(llvm):
     p["latent"][:] = 0.5  # where materials start; elsewhere the networks answer at random
 
     def error(b):
-        total = imitation_error(b, lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b))
+        total = imitation_error(b, lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b.modules))
         return float(total[0]) / len(b.modules)
 
     assert np.sqrt(error(taught)) < np.log(1.5) < np.sqrt(error(brdf))
