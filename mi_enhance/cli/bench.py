@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from . import arguments
-from .bridge import call
 from .outputs import output_folder
 from .progress_bar import progress_bar
 
@@ -32,18 +32,17 @@ def run(args: argparse.Namespace) -> dict:
     from ..system.bundled_files import demo_data
 
     with progress_bar("bench", quiet=args.json) as progress:
-        result = call(
-            bench,
+        result = bench(
             args.data or [demo_data("satin_rosaline_rgb.bsdf")],
             folder,
             resolution=args.resolution,
             spp=args.spp,
             rounds=args.rounds,
-            samples=args.samples,
+            n_samples=args.samples,
             seed=args.seed,
             progress=progress,
         )
-    print_table(result["rows"], COLUMNS, title=", ".join(result["materials"]))
-    print_table(result["growth"], GROWTH_COLUMNS, title="how the time of a frame grows")
-    print(f"{result['files']['html']}\n" + ", ".join(f"{k} {v}" for k, v in result["machine"].items()))
-    return result
+    print_table(result.rows, COLUMNS, title=", ".join(result.materials))
+    print_table(result.growth, GROWTH_COLUMNS, title="how the time of a frame grows")
+    print(f"{result.files['html']}\n" + ", ".join(f"{k} {v}" for k, v in result.machine.items()))
+    return dataclasses.asdict(result)
