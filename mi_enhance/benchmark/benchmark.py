@@ -22,9 +22,11 @@ from ..evaluation.compare import compare
 from ..evaluation.reflectance import reflectance
 from ..evaluation.truth import rgl_file
 from ..fitting.losses import log_l1
+from ..material.material import Material
+from ..neural.mlp import flatten
 from ..output.table import write_table
 from ..system.cache import cached
-from ..system.files import material_name, replacing
+from ..system.files import digest, material_name, replacing
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
 from . import timing
@@ -93,6 +95,7 @@ def bench(
     rounds: int = 5,
     n_samples: int = 100_000,
     seed: int = 0,
+    model: Material | None = None,
     progress: Callback = silent,
 ) -> BenchReport:
     """Measure error against run time of every model on measured materials.
@@ -111,6 +114,8 @@ def bench(
     n_samples : int
         Pairs of directions that every model is fitted to; errors are measured on others.
     seed : int
+    model : Material, optional
+        The enhanced model in the place of the shipped default, exact and specialized.
     progress : callable
         Hears of every step before it begins, see :mod:`mi_enhance.system.progress`.
 
@@ -121,8 +126,8 @@ def bench(
     Raises
     ------
     ValueError
-        If no file is given, one is no RGL file, two materials have one name, or `folder` holds a run with other
-        settings.
+        If no file is given, one is no RGL file, two materials have one name, `model` has no networks, or `folder` holds
+        a run with other settings.
 
     Examples
     --------
@@ -133,13 +138,19 @@ def bench(
         raise ValueError(f"bench(): materials {names} must be at least one and all different. Rename a file.")
     files = [rgl_file(path, "bench()") for path in paths]
     folder = Path(folder)
-    keep_settings(folder / "settings.json", {"samples": n_samples, "seed": seed}, "bench()")
+    settings = {"samples": n_samples, "seed": seed}
+    if model:
+        if not model.brdf.modules:
+            raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
+        # of the default nothing is noted: so earlier runs go on
+        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.modules), model.as_vector())
+    keep_settings(folder / "settings.json", settings, "bench()")
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
     fitted: list[dict[str, Contender]] = []
     errors: list[dict[str, dict]] = []
     for name, path in zip(names, files, strict=True):
         measured = load(path, n_samples=n_samples, seed=seed, kind="rgl")
-        fitted.append(contenders(path, measured, folder / name, seed=seed, progress=progress))
+        fitted.append(contenders(path, measured, folder / name, model=model, seed=seed, progress=progress))
         unseen = load(path, n_samples=_UNSEEN, seed=seed + 1, kind="rgl")
         errors.append(_errors(fitted[-1], unseen, folder / name, resolution, spp, seed, progress))
     rows = [_row(label, [f[label] for f in fitted], [e[label] for e in errors]) for label in fitted[0]]

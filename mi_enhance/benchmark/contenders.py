@@ -19,6 +19,7 @@ from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..material.material import Material
 from ..specialization.specialize import SIZES, specialize
+from ..system.bundled_files import DEFAULT_NETWORK
 from ..system.cache import cached
 from ..system.progress import Callback, Progress, silent
 from . import mitsuba_bsdfs, nbrdf, residual_network
@@ -46,7 +47,13 @@ class Contender(NamedTuple):
 
 
 def contenders(
-    path: Path, measurements: Measurements, folder: Path, *, seed: int = 0, progress: Callback = silent
+    path: Path,
+    measurements: Measurements,
+    folder: Path,
+    *,
+    model: Material | None = None,
+    seed: int = 0,
+    progress: Callback = silent,
 ) -> dict[str, Contender]:
     """Fit every model to one measured material, or take what an earlier call has left.
 
@@ -58,6 +65,8 @@ def contenders(
         Samples of it, which the models are fitted to.
     folder : Path
         Keeps the fits.
+    model : Material, optional
+        The enhanced model in the place of the shipped default.
     seed : int
     progress : callable
         Hears of every fit before it begins, see :mod:`mi_enhance.system.progress`.
@@ -88,7 +97,8 @@ def contenders(
 
     ggx = ours("ggx_analytic", lambda: fit(Material.analytic("ggx"), measurements, seed=seed))
     lobe = Material.load(ggx)
-    exact = ours("ggx2", lambda: fit(Material.pretrained(), measurements, seed=seed))
+    name = "model" if model else DEFAULT_NETWORK
+    exact = ours(name, lambda: fit(model or Material.pretrained(), measurements, seed=seed))
     m = Material.load(exact)
     result = {REFERENCE: _ours(ggx)}
     for plugin in mitsuba_bsdfs.MITSUBA:

@@ -99,6 +99,10 @@ def test_settings_of_another_run_are_refused(llvm, tmp_path):
     (tmp_path / "settings.json").write_text('{"samples": 7, "seed": 0}')
     with pytest.raises(ValueError, match="other settings"):
         bench([FILE], tmp_path, n_samples=1000)
+    with pytest.raises(ValueError, match="other settings"):
+        bench([FILE], tmp_path, model=Material.pretrained("ggx"))
+    with pytest.raises(ValueError, match="has no networks. Give an enhanced model"):
+        bench([FILE], tmp_path / "new", model=Material.analytic("ggx"))
     with pytest.raises(ValueError, match="all different"):
         bench([FILE, FILE], tmp_path)
 
