@@ -138,7 +138,7 @@ def bench(
         raise ValueError(f"bench(): materials {names} must be at least one and all different. Rename a file.")
     files = [rgl_file(path, "bench()") for path in paths]
     folder = Path(folder)
-    settings = {"samples": n_samples, "seed": seed}
+    settings: dict[str, Any] = {"samples": n_samples, "seed": seed}
     if model:
         if not model.brdf.modules:
             raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
