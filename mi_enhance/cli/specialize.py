@@ -6,6 +6,7 @@ import argparse
 
 from . import arguments
 from .outputs import made, output_file
+from .progress_bar import progress_bar
 
 
 def add(subparsers: arguments.Subparsers) -> None:
@@ -46,7 +47,15 @@ def run(args: argparse.Namespace) -> dict:
         material = material.unspecialized
     else:
         measurements = arguments.measurements(args) if args.data else None
-        material = specialize(material, measurements, max_error=args.max_error, textured=args.textured, seed=args.seed)
+        with progress_bar("specialize", quiet=args.json) as progress:
+            material = specialize(
+                material,
+                measurements,
+                max_error=args.max_error,
+                textured=args.textured,
+                seed=args.seed,
+                progress=progress,
+            )
     material.save(made(output))
     print(f"{material.show()}\n{output}")
     return {**material.report, "output": str(output)}

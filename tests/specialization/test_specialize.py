@@ -67,6 +67,7 @@ def test_a_tenth_of_the_work(llvm):
     assert report["specialize_seconds"] < 120  # a busy machine; 10 s are meant on a quiet one
 
 
+@pytest.mark.slow
 def test_a_smaller_error_takes_a_larger_network_in_the_end_the_exact_one(llvm):
     pruned = specialize(exact(), max_error=1e-9)
     assert pruned.report["specialize_network"] == "exact, without linear units"
@@ -83,6 +84,7 @@ def test_colours_keep_their_meaning(llvm):
     close(2 * one, two)
 
 
+@pytest.mark.slow
 def test_symmetric_where_asymmetry_is_0(llvm):
     m = specialize(exact().edit(asymmetry=0.5), max_error=1e-2)
     assert "difference" in m.brdf.distilled[0].inputs
@@ -121,6 +123,7 @@ def test_lobe_without_colour_is_left_out_of_the_small_network(llvm):
     close(evaluate(m.bsdf(), wi, wo), m.evaluate(wi, wo) * wo[:, 2:])
 
 
+@pytest.mark.slow
 def test_measurements_are_followed(llvm):
     """What the networks got wrong everywhere, here by a factor, the small one can learn."""
     wi, wo = sample_pairs(20_000, seed=3)
@@ -146,6 +149,7 @@ def own_samples(m: Material) -> data.Measurements:
     return data.Measurements(wi, wo, rendered(m, wi, wo).astype(np.float32), "itself", "test")
 
 
+@pytest.mark.slow
 def test_fit_goes_on_from_the_exact_material(llvm):
     m, _ = synthetic.ggx_anisotropic(3, n_samples=300, noise=0)
     small = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
@@ -170,6 +174,7 @@ def test_what_it_refuses(llvm, make, message):
         specialize(m, max_error=error)
 
 
+@pytest.mark.slow
 def test_the_papers_state_is_one_factor(llvm):
     m = Material(enhance("ggx", seed=1), {})
     s = specialize(m, max_error=10.0)
