@@ -16,6 +16,7 @@ from ..numerics import sequences
 from ..numerics.arrays import vector3f
 from ..output.table import write_table
 from ..system.progress import Callback, Progress, silent
+from ..system.variants import require_variant
 from .check_picture import draw
 from .chi_square import SIGNIFICANCE, chi_square
 
@@ -83,11 +84,7 @@ def check(
     >>> check(Material.analytic("ggx")).ok
     True
     """
-    variant = mi.variant() or "none"
-    if not variant.endswith("_rgb") or variant.startswith("scalar"):
-        raise RuntimeError(
-            f'check(): needs a JIT variant with RGB colours; "{variant}" is active. Call mi.set_variant("llvm_ad_rgb").'
-        )
+    require_variant("check()", rgb=True, jit=True)
     bsdf = material.bsdf()
     rows: list[dict] = []
     parts = ["values", "reciprocity", "albedo", *(f"chi-square at {degrees:g} degrees" for degrees in _VIEWS)]

@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from ..system.bundled_files import scene_file
 from ..system.checks import positive_int
+from ..system.variants import require_variant
 
 
 def load(
@@ -53,16 +54,13 @@ def load(
     (16, 16, 3)
     """
     where = f'scenes.load("{scene}")'
-    variant = mi.variant()
-    if variant is None:
-        raise RuntimeError(f'{where}: no Mitsuba variant is active. Call mi.set_variant("llvm_ad_rgb") first.')
-    numbers = {"resolution": resolution, "spp": spp, "max_depth": max_depth}
-    for name, value in numbers.items():
-        positive_int(value, name, where)
+    require_variant(where)
+    given = {"resolution": resolution, "spp": spp, "max_depth": max_depth}
+    numbers = {name: positive_int(value, name, where) for name, value in given.items()}
     path = _path(scene, where)
     bsdf = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
 
-    config = mi.parser.ParserConfig(variant)
+    config = mi.parser.ParserConfig(mi.variant() or "")
     config.unused_parameters = mi.LogLevel.Debug  # a scene of one's own need not have $material
     # Merging shapes would order the emitters by chance at each load, and with them the noise of a given seed.
     config.merge_meshes = config.merge_equivalent = False
