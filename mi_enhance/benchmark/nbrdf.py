@@ -61,8 +61,8 @@ def train_nbrdf(
 
     Examples
     --------
-    >>> from mi_enhance import data
-    >>> paint, _ = data.synthetic.ggx_anisotropic(3, n_samples=600, noise=0)
+    >>> from mi_enhance.data.synthetic import ggx_anisotropic
+    >>> paint, _ = ggx_anisotropic(3, n_samples=600, noise=0)
     >>> network, seconds = train_nbrdf(paint, epochs=1, min_steps=10)
     >>> network["W2"].shape
     (21, 21)
