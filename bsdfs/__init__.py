@@ -1,8 +1,8 @@
 """The Mitsuba plugins of mi_enhance, installed as ``mi_enhance.bsdfs``.
 
 A plugin written in Python is registered for one variant, and its class is only valid in the variant that was active
-when it was created. So the plugin file is loaded anew whenever the variant changes, as Mitsuba does with its own
-Python integrators.
+when it was created. So the files that subclass Mitsuba are loaded anew whenever the variant changes, as Mitsuba does
+with its own Python integrators.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import sys
 
 import mitsuba as mi
 
-_PLUGIN = "mi_enhance.bsdfs.enhanced"
+# Files with classes of the variant, in the order in which they need one another.
+_FILES = ("mi_enhance.bsdfs.scene_parameters", "mi_enhance.bsdfs.enhanced")
 
 
 def register(old: str | None = None, new: str | None = None) -> None:
@@ -37,7 +38,8 @@ def register(old: str | None = None, new: str | None = None) -> None:
         )
         return
     try:
-        plugin = importlib.reload(sys.modules[_PLUGIN]) if _PLUGIN in sys.modules else importlib.import_module(_PLUGIN)
+        for name in _FILES:
+            plugin = importlib.reload(sys.modules[name]) if name in sys.modules else importlib.import_module(name)
     except Exception as error:
         _register_error(f'mi_enhance: "enhanced" could not be loaded in variant "{variant}": {error!r}', error)
         return

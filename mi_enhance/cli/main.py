@@ -198,7 +198,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers train the candidates")
     add_define(
         p,
-        "setting, as JSON: -D epochs=10 -D max_modules=4 -D nodes_only=true (all: mi_enhance.hypercube.settings.DEFAULTS)",
+        "setting, as JSON: -D epochs=10 -D max_modules=4 -D nodes_only=true (all: mi_enhance.hypercube.settings)",
     )
 
     text = "SSIM, Delta E_ITP and log-L1 of the enhanced and the analytic model, fitted to measured RGL files"

@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
+from collections.abc import Iterator
+from pathlib import Path
 
+from ..system.progress import Callback, silent
 from .arguments import _json_or_text, _output, _set_variant
 
 
@@ -21,14 +24,14 @@ def search(args: argparse.Namespace) -> dict:
 
     folder = output.with_suffix(".search")
     start = time.perf_counter()
-    with _executor(args) as executor:
+    with _executor(args) as executor, _table(folder, args.json) as tell:
         found = search(
             args.model,
             data,
             folder,
             validation=validation,
             executor=executor,
-            progress=not args.json,
+            progress=tell,
             **{key: _json_or_text(value) for key, value in args.define},
         )
     found.material.save(output)
@@ -56,6 +59,15 @@ def _sources(names: list[str]) -> list[dict]:
         for file in files:
             sources += sources_of(file)
     return sources
+
+
+@contextlib.contextmanager
+def _table(folder: Path, quiet: bool) -> Iterator[Callback]:
+    """Draw the live table of a search, or nothing."""
+    from .live_table import LiveTable
+
+    with contextlib.nullcontext(silent) if quiet else LiveTable(folder) as tell:
+        yield tell
 
 
 @contextlib.contextmanager

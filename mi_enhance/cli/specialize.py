@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from .arguments import _measurements, _output, _set_variant
+from .progress_bar import progress_bar
 
 
 def specialize(args: argparse.Namespace) -> dict:
@@ -22,7 +23,15 @@ def specialize(args: argparse.Namespace) -> dict:
         material = material.unspecialized
     else:
         measurements = _measurements(args) if args.data else None
-        material = specialize(material, measurements, max_error=args.max_error, textured=args.textured, seed=args.seed)
+        with progress_bar("specialize", quiet=args.json) as tell:
+            material = specialize(
+                material,
+                measurements,
+                max_error=args.max_error,
+                textured=args.textured,
+                seed=args.seed,
+                progress=tell,
+            )
     material.save(output)
     print(f"{material.show()}\n{output}")
     return {**material.report, "output": str(output)}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 from .arguments import _json_or_text, _set_variant
+from .progress_bar import progress_bar
 
 
 def train(args: argparse.Namespace) -> dict:
@@ -23,6 +23,7 @@ def train(args: argparse.Namespace) -> dict:
     _set_variant(args.variant)
     from ..training.train import train
 
-    trainer = train(config, Path(args.output), progress=not args.json)
+    with progress_bar("train", quiet=args.json) as tell:
+        trainer = train(config, args.output, progress=tell)
     print(f"{args.output}: {trainer.step} steps, {trainer.n_materials} materials")
     return {"output": args.output, "steps": trainer.step, "n_materials": trainer.n_materials}

@@ -87,7 +87,7 @@ def decode(decoder, latent, wi, wo, *, with_cosine=False):
 
     References
     ----------
-    Zheng, Zheng, Wang, Zhao, Bao, "A DistilledNetwork Representation of Measured BRDFs Using Neural Processes", 2021.
+    Zheng, Zheng, Wang, Zhao, Bao, "A Compact Representation of Measured BRDFs Using Neural Processes", 2021.
 
     Examples
     --------

@@ -28,7 +28,9 @@ _SAVES = 4  # checkpoints of one candidate
 _lock = threading.Lock()  # a worker process may have several threads; Dr.Jit records one step at a time
 
 
-def train_candidate(folder: str, stage: int, digits: states.State, parent: states.State, variant: str, threads: int):
+def train_candidate(
+    folder: str, stage: int, digits: states.State, parent: states.State, variant: str, threads: int
+) -> dict:
     """Train one state of a stage and judge it, or go on where that stopped.
 
     Parameters
@@ -69,10 +71,9 @@ def _train(folder: Path, stage: int, digits: states.State, parent: states.State)
     setup = Setup.of(folder)
     samples, aside = setup.samples
     brdf, start = inherit(setup, folder, stage, digits, parent)
-    config = {**setup.settings, "steps": setup.steps, "seed": setup.settings["seed"] + stage}
-    trainer = Trainer(brdf, samples, config, start)
+    trainer = Trainer(brdf, samples, setup.training(stage), start)
 
-    def report(losses):
+    def report(losses: list[float]) -> None:
         every = max(1, setup.steps // _SAVES)
         _write(own / "progress.json", {"step": trainer.step, "loss": float(np.mean(losses[-every:]))})
 
@@ -86,18 +87,18 @@ def _train(folder: Path, stage: int, digits: states.State, parent: states.State)
         "equation": str(brdf),
         "loss": judge(trainer.result(), trainer.parameters(), aside),
         "training": float(np.mean(losses[-max(1, setup.steps // 10) :])) if losses else None,
-        "cost": cost(trainer.result(), trainer.parameters(), setup.settings["cost"]),
+        "cost": cost(trainer.result(), trainer.parameters(), setup.settings.cost),
         "seconds": round(seconds, 2),
     }
     _write(file, result)
     return result
 
 
-def run(trainer: Trainer, checkpoint: Path, report: Callable) -> list[float]:
+def run(trainer: Trainer, checkpoint: Path, report: Callable[[list[float]], None]) -> list[float]:
     """Train to the last step, or go on from `checkpoint`; ``report(losses)`` whenever that has been written."""
     if checkpoint.exists():
         trainer.resume(checkpoint)
-    steps, losses = trainer.config["steps"], []
+    steps, losses = trainer.settings.steps, []
     while trainer.step < steps:
         losses.append(trainer.advance().mean())
         if trainer.step % max(1, steps // _SAVES) == 0 or trainer.step == steps:

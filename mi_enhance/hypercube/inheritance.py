@@ -1,4 +1,4 @@
-"""What a candidate takes over from its parent."""
+"""Weights and parameters that a candidate inherits from its parent."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.mlp import MLP, flatten, unflatten
 from ..system import npz
-from ..system.files import digest, replacing
+from ..system.cache import cached
+from ..system.files import digest
 from ..training.imitation import imitate
 from . import states
 from .setup import Setup, candidate_folder
 
 
-def inherit(setup: Setup, folder: Path, stage: int, digits: states.State, parent: states.State):
-    """The BRDF of a state and the parameters of all materials, as far as possible those of the parent.
+def inherit(
+    setup: Setup, folder: Path, stage: int, digits: states.State, parent: states.State
+) -> tuple[EnhancedBRDF, np.ndarray]:
+    """Return the BRDF of a state and the parameters of all materials, (M, P), as far as possible those of the parent.
 
-    What is new starts as what it replaces: a network imitates its term or operator, another analytic term takes the
+    New parts start as the parts they replace: a module imitates its term or operator, another analytic term takes the
     parameters with which it resembles the usual one.
     """
     template = states.brdf_of(setup.model, parent, setup.choices, **setup.build)
@@ -33,7 +36,7 @@ def inherit(setup: Setup, folder: Path, stage: int, digits: states.State, parent
 
 
 def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.ndarray]:
-    """The BRDF with the weights of a checkpoint, and the parameters of all materials, (M, P)."""
+    """Return the BRDF with the weights of a checkpoint, and the parameters of all materials, (M, P)."""
     where = f'search(): "{checkpoint}"'
     stored = npz.read(checkpoint, ["weights", "parameters"], where)
     flat = npz.numbers(stored, "weights", (max(template.n_weights, 1),), where)  # without networks one float stands in
@@ -47,7 +50,7 @@ def restore(template: EnhancedBRDF, checkpoint: Path) -> tuple[EnhancedBRDF, np.
 
 
 def started(setup: Setup, folder: Path, brdf: EnhancedBRDF, kept: Mapping[str, MLP]) -> EnhancedBRDF:
-    """`brdf` with the networks of `kept` where they fit, and others that imitate what they replace."""
+    """Return `brdf` with the modules of `kept` where they fit, and others that imitate what they replace."""
     networks = {}
     for slot, mlp in brdf.modules.items():
         same = slot in kept and kept[slot].sizes == mlp.sizes
@@ -69,16 +72,20 @@ def _carry(old: np.ndarray, before: EnhancedBRDF, brdf: EnhancedBRDF) -> np.ndar
 
 
 def _imitation(setup: Setup, folder: Path, slot: str, hidden: tuple[int, ...]) -> MLP:
-    """A network that has learned the term or operator in `slot`, kept on disk beside the folders of all searches."""
-    steps, seed = setup.settings["imitation_steps"], setup.settings["seed"]
+    """Return a module that has learned the term or operator in `slot`; it is kept in the folder of the search."""
+    steps, seed = setup.settings.imitation_steps, setup.settings.seed
     key = json.dumps([1, str(setup.model), setup.model.name, slot, hidden, steps, setup.build], sort_keys=True)
-    file = folder.parent / "cache" / f"imitation-{digest(key.encode())}.npz"
+    file = folder / "cache" / f"imitation-{digest(key.encode())}.npz"
     alone = enhance(setup.model, {slot: hidden}, **setup.build)
-    if not file.exists():
-        taught = imitate(alone, steps=steps, seed=seed)
-        file.parent.mkdir(exist_ok=True)
-        with replacing(file) as temporary:
-            np.savez(temporary, weights=flatten(taught.modules))
-    where = f'search(): "{file}"'
-    weights = npz.numbers(npz.read(file, ["weights"], where), "weights", (alone.n_weights,), where)
+
+    def read(path: Path) -> np.ndarray:
+        where = f'search(): "{path}"'
+        return npz.numbers(npz.read(path, ["weights"], where), "weights", (alone.n_weights,), where)
+
+    weights = cached(
+        file,
+        lambda: flatten(imitate(alone, steps=steps, seed=seed).modules),
+        read,
+        lambda path, flat: np.savez(path, weights=flat),
+    )
     return unflatten(alone.modules, weights)[slot]

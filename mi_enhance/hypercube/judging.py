@@ -17,7 +17,7 @@ _JUDGED_AT_ONCE = 1 << 19  # lanes: bounds the memory of a judgement
 
 
 def judge(brdf: EnhancedBRDF, values: np.ndarray, samples: TrainingSet) -> float:
-    """Mean loss (eq. 1) of materials with parameters (M, P) on their samples; infinite where it is not a number."""
+    """Return the mean loss (eq. 1) of materials with parameters (M, P); infinite where it is not a number."""
     n, space = samples.n_samples, parameter_space.Space(brdf.parameters)
     at_once = max(1, _JUDGED_AT_ONCE // n)
     losses = []
@@ -29,7 +29,7 @@ def judge(brdf: EnhancedBRDF, values: np.ndarray, samples: TrainingSet) -> float
 
 
 def cost(brdf: EnhancedBRDF, values: np.ndarray, how: str) -> float:
-    """Cost of one evaluation: thousands of multiply-adds, or (``"measured"``) nanoseconds in a kernel of its own."""
+    """Return the cost of one evaluation: thousands of multiply-adds, or (``"measured"``) nanoseconds."""
     if how == "multiply-adds":
         return brdf.multiply_adds / 1000
     n = 1 << 18

@@ -12,29 +12,32 @@ from ..output.figure import sheet
 _SPREAD = 0.2  # colours end where a candidate is this much better or worse than the unchanged state
 
 
-def draw_search(found, choices: Mapping[str, Sequence], path: str | Path) -> None:
-    """Draw how a search went and write the picture.
+def draw_search(
+    stages: list[dict], front: list[dict], choices: Mapping[str, Sequence], path: str | Path, *, cost: str
+) -> None:
+    """Draw the stages of a search and write the picture.
 
     Parameters
     ----------
-    found : SearchResult
-        Result of :func:`mi_enhance.hypercube.search.search`.
+    stages, front : list of dict
+        As :class:`mi_enhance.hypercube.search.SearchResult` has them; the front is its ``pareto``.
     choices : dict of str to sequence
-        What may stand in every slot, in the order of the formula.
+        The choices of every slot, in the order of the formula.
     path : str or Path
         PNG.
+    cost : str
+        The setting that says how costs are measured.
 
     Examples
     --------
-    >>> draw_search(found, choices, "search.png")  # doctest: +SKIP
+    >>> draw_search(found.stages, found.pareto, choices, "search.png", cost="measured")  # doctest: +SKIP
     """
-    stages = found.stages
-    unit = "ns" if found.material.report["search"]["cost"] == "measured" else "1,000 multiply-adds"
+    unit = "ns" if cost == "measured" else "1,000 multiply-adds"
     with sheet(path, (16, 2.2 + 0.5 * max(len(stages), 5)), 100) as figure:
         left, middle, right = figure.subplots(1, 3, width_ratios=(max(6, len(choices)) * 0.75, 5, 5))
         _states(left, stages, list(choices))
         _errors(middle, stages)
-        _front(right, stages, found.pareto, unit)
+        _front(right, stages, front, unit)
         figure.suptitle(" → ".join(dict.fromkeys(s["equation"] for s in stages)), fontsize=11)
 
 

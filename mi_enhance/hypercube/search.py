@@ -2,17 +2,20 @@
 
 All states within a Hamming distance of the current one are trained for some epochs from where it stands; the best
 becomes current, until the current one wins. The candidates of a stage are independent: any ``concurrent.futures``
-executor runs them, see :mod:`mi_enhance.hypercube.candidate`. Everything is kept in a folder, from which a killed search goes on.
+executor runs them, see :mod:`mi_enhance.hypercube.candidate`. Everything is kept in a folder, from which a killed
+search goes on.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, wait
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -22,14 +25,19 @@ from ..data.measurements import Measurements
 from ..material.material import Material
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..output.pareto import pareto
-from ..system.files import digest, read_json, replacing
+from ..system.files import digest
+from ..system.progress import Callback, Progress, silent
+from ..system.run_folder import keep_settings
+from ..system.variants import require_rgb
 from ..training.analytic_start import analytic_start, representative, validate
-from ..training.sources import build
+from ..training.sources import Source, build
 from ..training.trainer import Trainer
 from ..training.training_set import TrainingSet, gather
 from . import candidate, inheritance, states
-from .settings import _checked
+from .picture import draw_search
+from .settings import SearchSettings, settings_for
 from .setup import Setup, candidate_folder, choices_of
+from .stages import candidates_of, current_of, is_over, read_stages, write_stages
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,14 +62,13 @@ class SearchResult:
 
 def search(
     model: models.Model | str,
-    materials: Sequence[Measurements | dict],
+    materials: Sequence[Measurements | Source],
     folder: str | Path,
     *,
-    validation: Sequence[Measurements | dict] = (),
+    validation: Sequence[Measurements | Source] = (),
     executor: Executor | None = None,
-    progress: bool = True,
-    callback: Callable | None = None,
-    **settings,
+    progress: Callback = silent,
+    **settings: Any,
 ) -> SearchResult:
     """Find what to replace in an analytic model, or go on where an earlier search in `folder` stopped.
 
@@ -74,17 +81,17 @@ def search(
         :mod:`mi_enhance.training.sources`.
     folder : str or Path
         Keeps everything: ``search.json`` (settings), one folder per candidate, ``stages.jsonl``, the network of each
-        stage (``stage-01.bsdf``) and the last of them (``network.bsdf``), ``search.png``.
+        stage (``stage-01.bsdf``) and the last of them (``network.bsdf``), ``search.png``, and in ``cache/`` what was
+        decoded or imitated.
     validation : sequence, optional
         Materials that are not trained on; only reported, after each stage.
     executor : concurrent.futures.Executor, optional
         Runs the candidates of a stage; its processes must see `folder`. By default they run here, one by one.
-    progress : bool
-        Show a live table.
-    callback : callable, optional
-        ``callback(stage)`` with each finished stage, a dictionary as in :class:`SearchResult`.
+    progress : callable
+        Hears of every decoded material, then at least once a candidate of every stage; at the end of a stage with its
+        ``loss`` and that of the ``unchanged`` state.
     **settings
-        Entries of :data:`DEFAULTS` that differ from it.
+        Those that differ from the defaults, see :class:`mi_enhance.hypercube.settings.SearchSettings`.
 
     Returns
     -------
@@ -95,7 +102,7 @@ def search(
     ValueError, KeyError
         For unknown or impossible settings, or those that differ from the search to be continued.
     RuntimeError
-        If all candidates of a stage diverged.
+        If all candidates of a stage diverged, or no RGB variant with gradients is active.
 
     References
     ----------
@@ -108,110 +115,99 @@ def search(
     >>> print(found.material.brdf)  # doctest: +SKIP
     M + S * D * F * [G] * [1/E]
     """
+    require_rgb("search()")
     folder = Path(folder).resolve()
     materials, validation = list(materials), list(validation)
-    settings = {**_checked(model, settings), "materials": _digest([*materials, "validation", *validation])}
-    prepare(folder, settings, materials, validation)
-    setup = Setup.of(folder)
-    log = folder / "stages.jsonl"
-    stages = read_json(log, "search()", ("stage", "current", "best", "candidates"), lines=True) if log.exists() else []
-    view = _view(folder, setup, progress)
-    with view:
-        while not stages or stages[-1]["best"] != stages[-1]["current"]:
-            stage = _stage(setup, folder, stages, executor, view)
-            stages.append(stage)
-            # one line at once: a killed search never leaves half a line
-            with replacing(log) as temporary:
-                Path(temporary).write_text("".join(json.dumps(s) + "\n" for s in stages))
-            _network(setup, folder, stages).save(folder / f"stage-{len(stages):02d}.bsdf")
-            view.finished(stages)
-            if callback:
-                callback(stage)
-    found = SearchResult(_network(setup, folder, stages), stages, pareto(stages))
+    prepare(folder, settings_for(model, settings), materials, validation, progress)
+    setup, stages = Setup.of(folder), read_stages(folder)
+    while not is_over(stages):
+        stage = _stage(setup, folder, stages, executor, progress)
+        stages.append(stage)
+        write_stages(folder, stages)
+        _network(setup, folder, stages).save(folder / f"stage-{len(stages):02d}.bsdf")
+        n, figures = len(stage["candidates"]), ("loss", "unchanged", "cost", "validation")
+        progress(Progress(f"stage {len(stages)}", n, n, {k: stage[k] for k in figures if k in stage}))
+    rows = [row for s in stages for row in s["candidates"]]
+    found = SearchResult(_network(setup, folder, stages), stages, pareto(rows))
     found.material.save(folder / "network.bsdf")
-    from .picture import draw_search
-
-    draw_search(found, setup.choices, folder / "search.png")
+    draw_search(stages, found.pareto, setup.choices, folder / "search.png", cost=setup.settings.cost)
     return found
 
 
-def _digest(materials: list) -> str:
+def _digest(materials: Iterable) -> str:
     """A few letters that change with the materials: a search is not continued with others."""
-    parts = []
+    parts: list = []
     for m in materials:
         parts += [m.name.encode(), m.wi, m.wo, m.f] if isinstance(m, Measurements) else [json.dumps(m).encode()]
     return digest(*parts)
 
 
-def prepare(folder: Path, settings: dict, materials: list, validation: list) -> None:
+def prepare(
+    folder: Path, settings: SearchSettings, materials: list, validation: list, progress: Callback = silent
+) -> None:
     """Write what all candidates read: settings, samples, the start state with the analytic fit of every material."""
-    file = folder / "search.json"
-    text = json.dumps(settings, indent=2) + "\n"
+    begun = (folder / "samples.npz").exists()
     start = (0,) * len(choices_of(settings))
-    if file.exists() and file.read_text() != text:
-        raise ValueError(
-            f'search(): "{file}" is of a search with other settings or materials. Choose another folder, or remove it.'
-        )
-    folder.mkdir(parents=True, exist_ok=True)
-    n = settings["n_samples"] + settings["n_aside"]
-    for name, given in (("samples", materials), ("validation", validation)):
-        path = folder / f"{name}.npz"
-        if given and not path.exists():
-            _training_set(given, n, settings["seed"], folder).save(path)
-    if not (folder / "samples.npz").exists():
+    if not (begun or materials):
         raise ValueError("search(): no materials to train on. Give measurements or sources.")
-    if not file.exists():
-        with replacing(file) as temporary:
-            Path(temporary).write_text(text)
+    kept = {**settings.to_json(), "materials": _digest([*materials, "validation", *validation])}
+    keep_settings(folder / "search.json", kept, "search()", begun=begun)
+    if not begun:
+        (folder / "validation.npz").unlink(missing_ok=True)  # of a run that ended before it had samples
+        for name, given in (("validation", validation), ("samples", materials)):
+            if given:
+                _training_set(given, settings, folder / "cache", progress).save(folder / f"{name}.npz")
     checkpoint = candidate_folder(folder, 0, start) / "checkpoint.npz"
     if not checkpoint.exists():
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
         setup = Setup.of(folder)
         brdf = inheritance.started(setup, folder, states.brdf_of(setup.model, start, setup.choices, **setup.build), {})
         samples, _ = setup.samples
-        Trainer(brdf, samples, {**settings, "steps": 0}, analytic_start(brdf, samples)).save(checkpoint)
+        Trainer(brdf, samples, setup.training(0), analytic_start(brdf, samples)).save(checkpoint)
 
 
-def _training_set(given: list, n: int, seed: int, folder: Path) -> TrainingSet:
+def _training_set(given: list, settings: SearchSettings, cache: Path, progress: Callback) -> TrainingSet:
+    n = settings.n_samples + settings.n_aside
     if all(isinstance(m, Measurements) for m in given):
-        return gather(given, n, seed)
-    if all(isinstance(m, dict) for m in given):
-        return build(given, n_samples=n, seed=seed, cache=folder.parent / "cache")
+        return gather(given, n, settings.seed)
+    if all(isinstance(m, Mapping) for m in given):
+        return build(given, n_samples=n, seed=settings.seed, cache=cache, progress=progress)
     raise ValueError("search(): materials must all be Measurements, or all be sources (dictionaries).")
 
 
-def _stage(setup: Setup, folder: Path, stages: list[dict], executor: Executor | None, view) -> dict:
+def _stage(setup: Setup, folder: Path, stages: list[dict], executor: Executor | None, progress: Callback) -> dict:
     """Train and judge all candidates around the current state."""
     number = len(stages) + 1
-    current = tuple(stages[-1]["best"]) if stages else (0,) * len(setup.choices)
-    left = {tuple(s["current"]) for s in stages} - {current}  # a state that has lost does not come back
-    around = states.neighbours(
-        current, setup.choices, distance=setup.settings["distance"], max_modules=setup.settings["max_modules"]
-    )
-    around = [digits for digits in around if digits not in left]
+    current, around = current_of(setup, stages), candidates_of(setup, stages)
     begun = time.perf_counter()
-    view.started(number, current, around)
-    results = {}
+    results: dict[states.State, dict] = {}
+
+    def tell() -> None:
+        progress(Progress(f"stage {number}", len(results), len(around)))
+
+    tell()
     threads = 0 if executor is None else 1
-    jobs = [(str(folder), number, digits, current, mi.variant(), threads) for digits in around]
+    run = functools.partial(
+        candidate.train_candidate, str(folder), number, parent=current, variant=mi.variant() or "", threads=threads
+    )
     if executor is None:
-        for job in jobs:
-            results[job[2]] = candidate.train_candidate(*job)
-            view.update()
+        for digits in around:
+            results[digits] = run(digits)
+            tell()
     else:
-        futures = {executor.submit(candidate.train_candidate, *job): job[2] for job in jobs}
+        futures = {executor.submit(run, digits): digits for digits in around}
         pending = set(futures)
         while pending:
             done, pending = wait(pending, timeout=1, return_when=FIRST_COMPLETED)
             results |= {futures[future]: future.result() for future in done}
-            view.update()
-    price = setup.settings["price"]
+            tell()
+    price = setup.settings.price
     rows = [{**r, "score": r["loss"] * (1 + price * r["cost"])} for r in (results[digits] for digits in around)]
     unchanged = rows[0]
     best = min(rows, key=lambda row: row["score"])
     if not np.isfinite(best["score"]):
         raise RuntimeError(f"search(): all candidates of stage {number} diverged. Lower lr or lr_parameters.")
-    if best["score"] >= unchanged["score"] * (1 - setup.settings["tolerance"]):
+    if best["score"] >= unchanged["score"] * (1 - setup.settings.tolerance):
         best = unchanged
     stage = {
         "stage": number,
@@ -236,28 +232,22 @@ def _stage(setup: Setup, folder: Path, stages: list[dict], executor: Executor | 
 
 
 def _state_of(setup: Setup, folder: Path, stage: int, digits: states.State) -> tuple[EnhancedBRDF, np.ndarray]:
-    """The trained BRDF of a candidate, and the parameters of all materials."""
+    """Return the trained BRDF of a candidate, and the parameters of all materials."""
     template = states.brdf_of(setup.model, digits, setup.choices, **setup.build)
     return inheritance.restore(template, candidate_folder(folder, stage, digits) / "checkpoint.npz")
 
 
 def _network(setup: Setup, folder: Path, stages: list[dict]) -> Material:
-    """The last state as a network file: weights, starts of fits, the log of the search."""
+    """Return the last state as a network: weights, starts of fits, the log of the search."""
     last = stages[-1]
     brdf, values = _state_of(setup, folder, last["stage"], tuple(last["best"]))
     samples, _ = setup.samples
     keep = representative(samples.kinds)
     log = [{k: v for k, v in s.items() if k != "candidates"} for s in stages]
     report = {
-        "search": setup.settings,
+        "search": setup.kept,
         "stages": log,
         "steps": setup.steps * len(stages),
         "library": [samples.names[k] for k in keep],
     }
     return Material(brdf, {}, report, library=values[keep])
-
-
-def _view(folder: Path, setup: Setup, progress: bool):
-    from .live_table import LiveTable, Silent
-
-    return LiveTable(folder, setup) if progress else Silent()

@@ -2,83 +2,102 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
 from ..analytic import models
 from ..neural.inputs import INPUTS
-from . import setup
+from ..system.settings import FLAG, LIST, TABLE, TEXT, Rule, Settings, number, one_of, setting, whole
 
-DEFAULTS = {
-    "model": "ggx",
-    # the hypercube
-    "modules": [[16, 32, 16]],  # hidden sizes to choose from
-    "alternatives": {},  # slot: names of other analytic terms
-    "fixed": {},  # slot: "analytic" or "neural"
-    "nodes_only": False,
-    "max_modules": None,
-    "distance": 1,  # Hamming distance of candidates
-    # when a state is better
-    "epochs": 5.0,  # between changes
-    "tolerance": 0.01,  # a change must lower the score by this part of it
-    "price": 0.0,  # score = loss x (1 + price x cost)
-    "cost": "multiply-adds",  # in thousands; or "measured", in nanoseconds per evaluation
-    # the networks and their training
-    "inputs": "shape",
-    "modulated": True,
-    "n_latent": 27,
-    "n_samples": 4096,  # per material, to train on
-    "n_aside": 1024,  # per material, to judge by
-    "batch": 64,  # samples per material and step
-    "imitation_steps": 500,
-    "lr": 4e-3,
-    "lr_parameters": 3e-3,
-    "seed": 0,
-}
+COSTS = ("multiply-adds", "measured")
 
 
-_COSTS = ("multiply-adds", "measured")
+@dataclasses.dataclass(frozen=True)
+class SearchSettings(Settings):
+    """Settings of :func:`mi_enhance.hypercube.search.search`. ``search.json`` holds them under the same names.
+
+    Parameters
+    ----------
+    model : str
+        Name of the analytic model, or its text.
+    modules : list of list of int
+        Hidden sizes of the modules to choose from.
+    alternatives : dict of str to list of str
+        Slot -> names of other analytic terms.
+    fixed : dict of str to str
+        Slot -> ``"analytic"`` or ``"neural"``.
+    nodes_only : bool
+        Operators stay as they are.
+    max_modules : int, optional
+        Most modules of a state.
+    distance : int
+        Hamming distance of the candidates, 1 or 2.
+    epochs : float
+        Passes over the samples between changes.
+    tolerance : float
+        A change must lower the score by this part of it.
+    price : float
+        The score is loss x (1 + price x cost).
+    cost : str
+        ``"multiply-adds"``, in thousands, or ``"measured"``, in nanoseconds per evaluation.
+    inputs, modulated, n_latent, batch, imitation_steps, lr, lr_parameters, seed
+        As for :class:`mi_enhance.training.settings.TrainingSettings`.
+    n_samples, n_aside : int
+        Samples per material: those to train on, and those to judge by.
+
+    Examples
+    --------
+    >>> SearchSettings.of({"epochs": 1}).cost
+    'multiply-adds'
+    """
+
+    WHERE: ClassVar[str] = "search()"
+
+    model: str = setting("ggx", TEXT)
+    modules: list[list[int]] = setting([[16, 32, 16]], LIST)
+    alternatives: dict[str, list[str]] = setting({}, TABLE)
+    fixed: dict[str, str] = setting({}, TABLE)
+    nodes_only: bool = setting(False, FLAG)
+    max_modules: int | None = setting(
+        None, Rule("null, or a whole number of at least 0", lambda v: v is None or whole().holds(v))
+    )
+    distance: int = setting(1, one_of(1, 2))
+    epochs: float = setting(5.0, number(1e-6))
+    tolerance: float = setting(0.01, number())
+    price: float = setting(0.0, number())
+    cost: str = setting("multiply-adds", one_of(*COSTS))
+    inputs: str = setting("shape", one_of(*INPUTS))
+    modulated: bool = setting(True, FLAG)
+    n_latent: int = setting(27, whole())
+    n_samples: int = setting(4096, whole(1))
+    n_aside: int = setting(1024, whole(1))
+    batch: int = setting(64, whole(1))
+    imitation_steps: int = setting(500, whole())
+    lr: float = setting(4e-3, number())
+    lr_parameters: float = setting(3e-3, number())
+    seed: int = setting(0, whole())
 
 
-_AT_LEAST = {
-    "epochs": 1e-6,
-    "tolerance": 0.0,
-    "price": 0.0,
-    "lr": 0.0,
-    "lr_parameters": 0.0,
-    "max_modules": 0,
-    "n_latent": 0,
-}
+def settings_for(model: models.Model | str, given: Mapping[str, Any]) -> SearchSettings:
+    """Return the settings of a search that starts from `model`.
 
-
-_AT_LEAST |= {"n_samples": 1, "n_aside": 1, "batch": 1, "imitation_steps": 0, "seed": 0}
-
-
-def _checked(model: models.Model | str, settings: dict) -> dict:
-    unknown = set(settings) - set(DEFAULTS)
-    if unknown:
-        raise ValueError(f"search(): unknown settings {sorted(unknown)}. Choose from: {', '.join(DEFAULTS)}.")
+    Raises
+    ------
+    ValueError, KeyError
+        For an unknown or impossible setting, or a model that no file could name.
+    """
     model = models.get(model) if isinstance(model, str) else model
-    settings = {**DEFAULTS, **settings, "model": model.text or model.name}
-    if str(setup.model_of(settings)) != str(model):
+    settings = SearchSettings.of({**given, "model": model.text or model.name})
+    if str(model_of(settings)) != str(model):
         raise ValueError(
             f'search(): model "{model.name}" ({model}) is not the one that name stands for; '
             "files could not say what it is. Write it as a text: models.from_expression."
         )
-    for key, choices in (("cost", _COSTS), ("inputs", INPUTS), ("distance", (1, 2))):
-        if settings[key] not in choices:
-            raise ValueError(f"search(): {key}={settings[key]!r} is unknown. Choose one of: {choices}.")
-    for key, low in _AT_LEAST.items():
-        value, whole = settings[key], isinstance(DEFAULTS[key], int) or key == "max_modules"
-        if key == "max_modules" and value is None:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) or not low <= value < 1e12:
-            kind = "whole number" if whole else "number"
-            raise ValueError(f"search(): {key}={value!r}; it must be a {kind} of at least {low:g}.")
-    for key, kind in (
-        ("nodes_only", bool),
-        ("modulated", bool),
-        ("modules", list),
-        ("alternatives", dict),
-        ("fixed", dict),
-    ):
-        if not isinstance(settings[key], kind):
-            raise ValueError(f"search(): {key}={settings[key]!r}; it must be a {kind.__name__}, as {DEFAULTS[key]!r}.")
     return settings
+
+
+def model_of(settings: SearchSettings) -> models.Model:
+    """Return the model that the settings name, or hold as a text."""
+    text = settings.model
+    return models.from_expression(text) if "\n" in text else models.registered(text)

@@ -1,50 +1,72 @@
-"""What all candidates of a search share."""
+"""Settings, model, choices and samples: what all candidates of a search share."""
 
 from __future__ import annotations
 
 import functools
 from pathlib import Path
+from typing import Any
 
-from ..analytic import models
 from ..system.files import read_json
+from ..training.settings import TrainingSettings
 from ..training.training_set import TrainingSet
 from . import states
+from .settings import SearchSettings, model_of
 
 
 def candidate_folder(folder: Path, stage: int, digits: states.State) -> Path:
+    """Return the folder of a candidate in that of its search."""
     return folder / f"stage-{stage:02d}" / states.state_digits(digits)
 
 
-def model_of(settings: dict) -> models.Model:
-    """The model that the settings of a search name, or hold as a text."""
-    text = settings["model"]
-    return models.from_expression(text) if "\n" in text else models.registered(text)
-
-
-def choices_of(settings: dict) -> dict[str, tuple[states.Choice, ...]]:
-    """What may stand in every slot, by the settings of a search."""
-    names = ("modules", "alternatives", "fixed", "nodes_only")
-    return states.choices(model_of(settings), **{name: settings[name] for name in names})
+def choices_of(settings: SearchSettings) -> dict[str, tuple[states.Choice, ...]]:
+    """Return the choices of every slot, by the settings of a search."""
+    return states.choices(
+        model_of(settings),
+        modules=settings.modules,
+        alternatives=settings.alternatives,
+        fixed=settings.fixed,
+        nodes_only=settings.nodes_only,
+    )
 
 
 class Setup:
-    """What all candidates of a search share, read once per process: settings, model, choices, samples."""
+    """What all candidates of a search share, read once per process.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the search, with ``search.json`` and ``samples.npz``.
+    """
 
     def __init__(self, folder: Path):
-        self.settings = read_json(folder / "search.json", "search()", ("model", "n_samples", "batch", "epochs"))
-        self.model = model_of(self.settings)
-        self.choices = choices_of(self.settings)
-        self.build = {name: self.settings[name] for name in ("inputs", "modulated", "n_latent", "seed")}
-        self.samples = TrainingSet.read(folder / "samples.npz").split(self.settings["n_samples"])
-        self.steps = max(1, round(self.settings["epochs"] * self.settings["n_samples"] / self.settings["batch"]))
+        kept = read_json(folder / "search.json", "search()", ("model", "n_samples", "batch", "epochs"))
+        self.kept = kept  # as it is in the file: with the digest of the materials
+        self.settings = s = SearchSettings.of({key: value for key, value in kept.items() if key != "materials"})
+        self.model = model_of(s)
+        self.choices = choices_of(s)
+        self.build: dict[str, Any] = {
+            "inputs": s.inputs,
+            "modulated": s.modulated,
+            "n_latent": s.n_latent,
+            "seed": s.seed,
+        }
+        self.samples = TrainingSet.read(folder / "samples.npz").split(s.n_samples)
+        self.steps = max(1, round(s.epochs * s.n_samples / s.batch))
+
+    def training(self, stage: int) -> TrainingSettings:
+        """Return the settings by which a candidate of a stage is trained."""
+        s = self.settings
+        return TrainingSettings(
+            steps=self.steps, batch=s.batch, lr=s.lr, lr_parameters=s.lr_parameters, seed=s.seed + stage
+        )
 
     @staticmethod
     def of(folder: Path) -> Setup:
-        """The setup in a folder, read again only if its files have changed."""
+        """Return the setup in a folder, read again only if its files have changed."""
         times = tuple((folder / name).stat().st_mtime_ns for name in ("search.json", "samples.npz"))
         return _setup(folder, times)
 
 
 @functools.lru_cache(maxsize=1)
-def _setup(folder: Path, times: tuple[int, int]) -> Setup:
+def _setup(folder: Path, times: tuple[int, ...]) -> Setup:
     return Setup(folder)

@@ -15,7 +15,7 @@ from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
 
 State = tuple[int, ...]
-# What can stand in a slot: None (the original), hidden sizes of a network, or the name of another analytic term.
+# The content of a slot: None (the original), hidden sizes of a network, or the name of another analytic term.
 Choice = None | tuple[int, ...] | str
 
 
@@ -27,13 +27,13 @@ def choices(
     fixed: Mapping[str, str] | None = None,
     nodes_only: bool = False,
 ) -> dict[str, tuple[Choice, ...]]:
-    """What may stand in every slot of a model.
+    """Return the choices of every slot of a model.
 
     Parameters
     ----------
     model : Model
     modules : sequence of sequences of int
-        Hidden sizes of the networks to choose from.
+        Hidden sizes of the modules to choose from.
     alternatives : dict of str to list of str, optional
         Slot -> names of other analytic terms, see :data:`mi_enhance.analytic.alternative_terms.ALTERNATIVES`.
     fixed : dict of str to str, optional
@@ -60,20 +60,20 @@ def choices(
     alternatives, fixed = alternatives or {}, fixed or {}
     if any(not isinstance(sizes, (list, tuple)) or not _sizes_are_good(sizes) for sizes in modules):
         raise ValueError(f"choices(): modules {modules}: each needs 1 to 8 hidden sizes of 1 to 1024, as [16, 32, 16].")
-    modules = [tuple(sizes) for sizes in modules]
+    sizes: tuple[Choice, ...] = tuple(map(tuple, modules))
     for slot in (*alternatives, *fixed):
         model.graph.find(slot)
     for slot, word in fixed.items():
         if word not in ("analytic", "neural"):
             raise ValueError(f'choices(): fixed["{slot}"] is {word!r}; it must be "analytic" or "neural".')
-    result = {}
+    result: dict[str, tuple[Choice, ...]] = {}
     for node in model.graph.walk():
-        networks = () if nodes_only and node.args else tuple(modules)
+        networks = () if nodes_only and node.args else sizes
         terms = tuple(alternatives.get(node.name, ()))
         result[node.name] = {
             None: (None, *networks, *terms),
             "analytic": (None, *terms),
-            "neural": tuple(modules),
+            "neural": sizes,
         }[fixed.get(node.name)]
         for term in terms:
             with_terms(model, {node.name: term})  # raises if it cannot stand here
@@ -87,7 +87,7 @@ def _sizes_are_good(sizes: Sequence[int]) -> bool:
 def neighbours(
     state: State, choices: Mapping[str, Sequence[Choice]], *, distance: int = 1, max_modules: int | None = None
 ) -> list[State]:
-    """`state` itself and all states that differ from it in at most `distance` slots (Hamming distance; section 4.2).
+    """Return `state` itself and all states that differ from it in at most `distance` slots (Hamming; section 4.2).
 
     Examples
     --------
@@ -114,14 +114,14 @@ def neighbours(
 
 
 def chosen(state: State, choices: Mapping[str, Sequence[Choice]]) -> Iterator[tuple[str, Choice]]:
-    """Slots that do not hold their original, and what they hold."""
+    """Yield the slots that do not hold their original, with their contents."""
     for digit, (slot, options) in zip(state, choices.items(), strict=True):
         if options[digit] is not None:
             yield slot, options[digit]
 
 
 def brdf_of(model: Model, state: State, choices: Mapping[str, Sequence[Choice]], **settings) -> EnhancedBRDF:
-    """The BRDF of a state, with Xavier weights; `settings` are those of :func:`mi_enhance.neural.enhanced_brdf`.
+    """Return the BRDF of a state, with Xavier weights; `settings` are those of :func:`.neural.enhance.enhance`.
 
     Examples
     --------
@@ -135,7 +135,7 @@ def brdf_of(model: Model, state: State, choices: Mapping[str, Sequence[Choice]],
 
 
 def state_digits(state: State) -> str:
-    """A state as text that can be a folder: its digits.
+    """Return the digits of a state as a text that can name a folder.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def state_digits(state: State) -> str:
 
 
 def describe_change(before: State, after: State, choices: Mapping[str, Sequence[Choice]]) -> str:
-    """What is done to a state, in words.
+    """Return the change from one state to another in words.
 
     Examples
     --------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import time
 from collections.abc import Mapping, Sequence
 
@@ -12,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
+from ..system.garbage_collection import no_collection
 from .image_loss import Measure
 from .scene_materials import get, put
 from .targets import Target
@@ -105,7 +104,7 @@ class Descent:
     def render(self, target: Target, spp: int, seed: int) -> np.ndarray:
         """The scene as the cameras of a target see it, (H, views * W, 3)."""
         light = dr.opaque(mi.Float, float(self.values()[self.light.key][0]) if self.light else 1.0)
-        with _no_collection():
+        with no_collection():
             return np.array(self._primal(self.scene, target.sensor, light, dr.opaque(mi.UInt32, seed), spp))
 
     def _trace_primal(self, scene, sensor, light, seed, spp: int):
@@ -139,7 +138,7 @@ class Descent:
             self._seen[id(target)] = (target, 1, self._finite(self.render(target, spp, self._seed), 0))
         _, n, seen = self._seen[id(target)]
         values, light = self._update(attach=True)
-        with _no_collection():
+        with no_collection():
             image = self._backward(
                 self.scene,
                 values,
@@ -178,15 +177,3 @@ class Descent:
     def settle(self) -> None:
         """Hand the values of the last step to the scene, without gradients."""
         self._update(attach=False)
-
-
-@contextlib.contextmanager
-def _no_collection():
-    """No garbage collection while Dr.Jit records: what it frees in between would abort the process."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()

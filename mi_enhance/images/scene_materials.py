@@ -65,8 +65,8 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
     """
     result = {}
     for node in params.hierarchy:
-        if type(node).__name__ == "Enhanced":
-            if node.m_material.brdf.distilled:
+        if isinstance(node, mi.BSDF) and hasattr(node, "material"):
+            if node.material.brdf.distilled:
                 raise ValueError(
                     f'fit_images(): "{node.id()}" is a specialized material, which holds for its own parameters only. '
                     "Use the exact one: mi-enhance specialize FAST.bsdf --undo -o MAT.bsdf"
@@ -74,11 +74,11 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
             keys = {}
             first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
             prefix = first.rpartition(".")[0]
-            for p in node.m_material.brdf.parameters:
+            for p in node.material.brdf.parameters:
                 for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
                     if key in params:
                         keys[p.name] = key
-            result[node.id() or prefix] = SceneMaterial(node.m_material, keys)
+            result[node.id() or prefix] = SceneMaterial(node.material, keys)
     for name, material in (given or {}).items():
         if name not in result:
             raise ValueError(

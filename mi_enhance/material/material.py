@@ -181,7 +181,7 @@ class Material:
         if self.bound_energy:
             shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
             bound = energy_bound.table(self.brdf, params, shares)
-            f *= energy_bound.factor(bound, wi, params) * energy_bound.factor(bound, wo, params)
+            f = energy_bound.bounded(f, bound, wi, wo, params)
         return np.array(f).T
 
     def bsdf(self) -> mi.BSDF:

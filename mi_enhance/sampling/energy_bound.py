@@ -85,6 +85,11 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
         return s
 
 
+def bounded(f, table: mi.Float, wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping):
+    """Return reflectance `f`, in any spectrum, times the factors of both directions; see :func:`factor`."""
+    return f * (factor(table, wi, params) * factor(table, wo, params))
+
+
 def factor(table: mi.Float, w: mi.Vector3f, params: Mapping) -> mi.Float:
     """The factor s of a direction, surface frame; `params` as for :func:`mi_enhance.analytic.geometry.frame_of`."""
     return _between(table, dr.detach(geometry.frame_of(params).to_local(w).z))

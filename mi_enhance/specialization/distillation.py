@@ -1,7 +1,8 @@
 """Small networks learn the factors of a BRDF: Levenberg-Marquardt on all weights, in NumPy.
 
 A few hundred weights and some thousand noiseless samples: second-order steps get in a second where gradient descent
-does not in a minute. The networks are those of :class:`mi_enhance.neural.distilled_network.DistilledNetwork`: every layer sees all before it.
+does not in a minute. The networks are :class:`mi_enhance.neural.distilled_network.DistilledNetwork`: every layer sees
+all before it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _BLOCK = 512  # samples per product: their Jacobian of a few hundred weights sta
 
 
 def first(sizes: Sequence[int], bias: np.ndarray, rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
-    """First weights for standardised inputs: Xavier; the outputs start near `bias`.
+    """Return first weights for standardized inputs: Xavier; the outputs start near `bias`.
 
     Parameters
     ----------
@@ -45,12 +46,12 @@ def first(sizes: Sequence[int], bias: np.ndarray, rng: np.random.Generator) -> l
 
 
 def forward(layers: Layers, x: np.ndarray) -> np.ndarray:
-    """Outputs (n, outputs) for inputs (n, inputs)."""
+    """Return the outputs (n, outputs) for inputs (n, inputs)."""
     return _forward(layers, x)[0]
 
 
 def on_raw_inputs(layers: Layers, mean: np.ndarray, std: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The same network, float32, for inputs as they are: it was trained on (x - mean) / std.
+    """Return the same network, float32, for raw inputs: it was trained on (x - mean) / std.
 
     Examples
     --------
@@ -66,7 +67,7 @@ def on_raw_inputs(layers: Layers, mean: np.ndarray, std: np.ndarray) -> list[tup
 
 
 def train(layers: Layers, x: np.ndarray, residuals: Callable, *, steps: int) -> tuple[Layers, float]:
-    """Minimise the sum of the mean absolute residuals over all weights.
+    """Minimize the sum of the mean absolute residuals over all weights.
 
     Parameters
     ----------
@@ -140,7 +141,8 @@ def _jacobian(layers: Layers, kept: list, slopes: np.ndarray) -> np.ndarray:
     ends = np.cumsum([w.size + b.size for w, b in layers])
     a = np.empty((n_r, n, ends[-1]), np.float32)
     for k in range(n_r):
-        dz, dx = slopes[:, k], 0.0
+        dz: np.ndarray = slopes[:, k]
+        dx: np.ndarray | float = 0.0
         for (w, b), (x, _), end, (_, before) in zip(
             layers[::-1], kept[::-1], ends[::-1], [*kept[-2::-1], (None, None)], strict=True
         ):

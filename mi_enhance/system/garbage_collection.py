@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
+from collections.abc import Iterator
 
 
 @contextlib.contextmanager
-def _no_collection():
-    """Keep Python's garbage collector from freeing the frozen step of an earlier trainer while Dr.Jit records another.
+def no_collection() -> Iterator[None]:
+    """Keep Python's garbage collector from freeing the frozen function of an earlier run while Dr.Jit records another.
 
     It is part of a reference cycle inside Dr.Jit, so only the collector frees it; during a recording that aborts
     the process.

@@ -123,7 +123,7 @@ def _in_wheel() -> str | None:
     """Return the libLLVM of the wheel, from its own list of files: they need not lie under sys.prefix."""
     try:
         files = importlib.metadata.files(WHEEL) or []
-    except importlib.metadata.PackageNotLLVMLibraryError:
+    except importlib.metadata.PackageNotFoundError:
         return None
     libraries = (Path(f.locate()).resolve() for f in files if f.name.startswith("libLLVM"))
     return next((str(p) for p in libraries if p.is_file()), None)

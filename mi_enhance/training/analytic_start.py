@@ -1,4 +1,4 @@
-"""Where a training starts, and how it is judged: analytic fits of all materials."""
+"""The start of a training and its judgement: fits of all materials."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ from ..fitting.objective import Objective
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import levenberg_marquardt
 from ..system import npz
-from ..system.files import replacing
+from ..system.cache import cached
 from .training_set import TrainingSet, first_samples
 
-_START_SAMPLES = 1024  # per material, for the analytic fit that training starts from
+START_SAMPLES = 1024  # per material, for the analytic fit that training starts from
 
 
 def analytic_start(brdf: EnhancedBRDF, samples: TrainingSet, cache: Path | None = None) -> np.ndarray:
-    """Where the materials start: the best fit of the analytic model, latent numbers at their initial value.
+    """Return the parameters that materials start from, (M, P): the best analytic fit, the rest at its initial value.
 
     With `cache`, a ``.npz`` file, the analytic fits are kept there or taken from there.
     """
-    n = min(_START_SAMPLES, samples.n_samples)
-    if cache and cache.exists():
-        where, shape = f'analytic fits "{cache}"', (len(samples.names), parameters.count(brdf.model.parameters))
-        analytic = npz.numbers(npz.read(cache, ["analytic"], where), "analytic", shape, where).astype(np.float64)
-    else:
-        analytic = fit_analytic(EnhancedBRDF(brdf.model, {}), *first_samples(samples, n), n)
-    if cache and not cache.exists():
-        with replacing(cache) as temporary:
-            np.savez(temporary, analytic=analytic)
+    n = min(START_SAMPLES, samples.n_samples)
+
+    def fit() -> np.ndarray:
+        return fit_analytic(EnhancedBRDF(brdf.model, {}), *first_samples(samples, n), n)
+
+    def read(path: Path) -> np.ndarray:
+        where, shape = f'analytic fits "{path}"', (len(samples.names), parameters.count(brdf.model.parameters))
+        return npz.numbers(npz.read(path, ["analytic"], where), "analytic", shape, where).astype(np.float64)
+
+    analytic = cached(cache, fit, read, lambda path, v: np.savez(path, analytic=v)) if cache else fit()
     start = np.tile(parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters)), (len(analytic), 1))
     start[:, : analytic.shape[1]] = analytic
     return start
 
 
 def representative(kinds: list[str]) -> np.ndarray:
-    """Materials that fits start from: all measured ones, and of the made-up ones as many, evenly spaced."""
+    """Return the indices of the materials that fits start from: all measured ones and as many others, evenly spaced."""
     made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes", "assorted") for kind in kinds])
     measured, rest = np.flatnonzero(~made_up), np.flatnonzero(made_up)
     n = min(len(rest), max(len(measured), 250))
@@ -46,8 +47,8 @@ def representative(kinds: list[str]) -> np.ndarray:
 
 
 def validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> np.ndarray:
-    """Loss of materials the networks do not train on, (M,), each fitted by a few steps from `start`."""
-    n = min(_START_SAMPLES, samples.n_samples)
+    """Return the loss of materials that are not trained on, (M,), each fitted by a few steps from `start`."""
+    n = min(START_SAMPLES, samples.n_samples)
     problem = Objective(brdf, *first_samples(samples, n), n)
     _, losses = levenberg_marquardt.minimize(
         problem.loss,

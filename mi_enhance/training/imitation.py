@@ -1,8 +1,9 @@
-"""Initial weights: each network first learns the term or operator that it replaces."""
+"""Initial weights: each module first learns the term or operator that it replaces."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import cast
 
 import drjit as dr
 import mitsuba as mi
@@ -13,41 +14,53 @@ from ..analytic import parameters
 from ..data.directions import sample_pairs
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.trainable import Trainable
+from ..numerics.arrays import vector3f
+from ..numerics.schedules import cosine_decay
+from ..system.progress import Callback, Progress, silent
 
 
 def imitate(
-    brdf: EnhancedBRDF, *, steps: int = 1000, batch: int = 8192, seed: int = 0, lr: float = 5e-3
+    brdf: EnhancedBRDF,
+    *,
+    steps: int = 1000,
+    batch: int = 8192,
+    seed: int = 0,
+    lr: float = 5e-3,
+    progress: Callback = silent,
 ) -> EnhancedBRDF:
-    """Teach each network the term or operator it replaces, so that training starts where the analytic model is.
+    """Teach each module the term or operator it replaces, so that training starts where the analytic model is.
 
     Parameters
     ----------
     brdf : EnhancedBRDF
-        Its networks are where the imitation starts.
+        The imitation starts from its modules.
     steps, batch : int
         Random pairs of directions, each with random parameters, per step.
     seed : int
         Of directions and parameters.
     lr : float
         Learning rate, falling to 0 along a cosine.
+    progress : callable
+        Hears of every step, see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
     EnhancedBRDF
-        With networks close to the original terms.
+        With modules close to the original terms.
     """
     rng = np.random.default_rng(seed)
     trainable = Trainable(brdf.modules)
     optimizer = Adam(lr=lr, params={"weights": trainable.weights})
     for step in range(steps):
-        wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(batch, seed=rng))
+        wi, wo = (vector3f(w) for w in sample_pairs(batch, seed=rng))
         params = parameters.unflatten(brdf.parameters, [mi.Float(v) for v in _random(brdf.parameters, batch, rng)])
         loss = brdf.imitation_error(wi, wo, params, trainable)
         dr.backward(loss)
         dr.set_grad(optimizer["weights"], trainable.gradient())
-        optimizer.set_learning_rate(float(lr * 0.5 * (1 + np.cos(np.pi * step / steps))))
+        optimizer.set_learning_rate(lr * cosine_decay(step, steps, low=0))
         optimizer.step()
-        trainable.weights = optimizer["weights"]
+        trainable.weights = cast(mi.Float, optimizer["weights"])
+        progress(Progress("imitate", step + 1, steps))
     return dataclasses.replace(brdf, modules=trainable.networks())
 
 
@@ -57,7 +70,7 @@ def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
     for p in space:
         for _ in range(p.size):
             if p.fixed or p.name in ("latent", "asymmetry"):
-                # Not what a network learns to ignore: its random response is where the numbers of materials part.
+                # These stay: a module must not learn to ignore them, since materials differ in them.
                 row = np.full(n, p.initial)
             elif p.log:
                 row = np.exp(rng.uniform(np.log(max(p.low, 3e-3)), np.log(p.high), n))

@@ -2,23 +2,67 @@
 
 from __future__ import annotations
 
-from ..neural import mlp
+import dataclasses
+from typing import Any, ClassVar
 
-DEFAULTS = {
-    "model": "ggx",
-    "replace": ["F", "F*G", "G", "1/E"],  # or {slot: hidden sizes}
-    "inputs": "symmetric",
-    "modulated": False,
-    "n_latent": 27,
-    "hidden": list(mlp.HIDDEN),
-    "data": [],
-    "validation": [],
-    "n_samples": 8192,  # per material
-    "batch": 64,  # samples per material and step
-    "steps": 10000,
-    "imitation_steps": 1000,
-    "lr": 2e-3,  # of the weights; both rates fall to 1 % along a cosine
-    "lr_parameters": 3e-3,
-    "refits": 3,  # times, evenly spread, that every material is fitted anew
-    "seed": 0,
-}
+from ..neural import mlp
+from ..neural.inputs import INPUTS
+from ..system.settings import FLAG, LIST, TEXT, Settings, number, of_type, one_of, setting, whole
+
+_REPLACE = of_type("a list of slots, or {slot: hidden sizes}", list, tuple, dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingSettings(Settings):
+    """Settings of :func:`mi_enhance.training.train.train`. ``config.json`` holds them under the same names.
+
+    Parameters
+    ----------
+    model : str
+        Name of the analytic model, or a ``.toml`` file of one.
+    replace : list of str, or dict of str to list of int
+        Slots that get a module, or slots with the hidden sizes of their modules.
+    inputs : str
+        What the modules see, see :mod:`mi_enhance.neural.inputs`.
+    modulated : bool
+        The last layer of a module belongs to the material.
+    n_latent : int
+        Latent numbers of a material.
+    hidden : list of int
+        Hidden sizes of the modules, where `replace` names none.
+    data, validation : list of dict
+        Sources of the materials to train on, and to judge by, see :mod:`mi_enhance.training.sources`.
+    n_samples, batch : int
+        Samples per material: all, and those of one step.
+    steps, imitation_steps : int
+        Steps of the training, and of the imitation before it.
+    lr, lr_parameters : float
+        Learning rates of the weights and of the parameters; both fall to 1 % along a cosine.
+    refits : int
+        Times, evenly spread, that every material is fitted anew.
+    seed : int
+
+    Examples
+    --------
+    >>> TrainingSettings.of({"model": "ward", "replace": ["D"]}).inputs
+    'shape'
+    """
+
+    WHERE: ClassVar[str] = "train()"
+
+    model: str = setting("ggx", TEXT)
+    replace: Any = setting(["F", "F*G", "G", "1/E"], _REPLACE)
+    inputs: str = setting("shape", one_of(*INPUTS))
+    modulated: bool = setting(False, FLAG)
+    n_latent: int = setting(27, whole())
+    hidden: list[int] = setting(list(mlp.HIDDEN), LIST)
+    data: list[dict] = setting([], LIST)
+    validation: list[dict] = setting([], LIST)
+    n_samples: int = setting(8192, whole(1))
+    batch: int = setting(64, whole(1))
+    steps: int = setting(10000, whole())
+    imitation_steps: int = setting(1000, whole())
+    lr: float = setting(2e-3, number())
+    lr_parameters: float = setting(3e-3, number())
+    refits: int = setting(3, whole())
+    seed: int = setting(0, whole())

@@ -18,9 +18,11 @@ What is decoded, and how many of each, is said by a list of sources (the ``data`
 
 from __future__ import annotations
 
+import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,27 +32,35 @@ from ..data.loading import load, names
 from ..data.measurements import Measurements
 from ..data.random_terms import assorted
 from ..data.synthetic import ggx_anisotropic, two_lobes
+from ..system.cache import cached
 from ..system.files import digest, require_file
+from ..system.messages import did_you_mean, shortened
+from ..system.progress import Callback, Progress, silent
+from ..system.settings import FLAG, TEXT, Rule, check, one_of, refuse_unknown, whole
 from .augmentation import warp
-from .training_set import TrainingSet, _rows
+from .training_set import TrainingSet, rows_of
 
 # A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.
 HELD_OUT_EVERY = 5
-_NEEDED = {
-    **dict.fromkeys(("nps", "nbrdf", "file"), ("path",)),
-    "nps-mixtures": ("path", "count"),
-    **dict.fromkeys(("synthetic", "two-lobes", "assorted"), ("count",)),
-}
 _MAX_COUNT = 1_000_000  # materials of a source: their samples would be terabytes long before
+
+Source = Mapping[str, Any]
+Job = Callable[[], Measurements]
 
 
 def sources_of(path: str | Path) -> list[dict]:
-    """The sources, as :func:`build` takes them, of all materials in a file; a ``.json`` file lists sources itself."""
+    """Return the sources, as `build` takes them, of all materials in a file; a ``.json`` file lists sources itself.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file is no list of sources, or cannot be read.
+    """
     where = f'training set "{path}"'
-    path = require_file(path, where)
-    if path.suffix == ".json":
+    file = require_file(path, where)
+    if file.suffix == ".json":
         try:
-            sources = json.loads(path.read_text())
+            sources = json.loads(file.read_text())
         except ValueError as error:
             raise ValueError(f"{where}: no JSON ({error}).") from None
         if not (isinstance(sources, list) and all(isinstance(s, dict) and "kind" in s for s in sources)):
@@ -62,12 +72,14 @@ def sources_of(path: str | Path) -> list[dict]:
     return [{"kind": "file", "path": str(path), "material": name} for name in found]
 
 
-def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progress: Callable = iter) -> TrainingSet:
+def build(
+    sources: Sequence[Source], *, n_samples: int, seed: int, cache: Path, progress: Callback = silent
+) -> TrainingSet:
     """Decode all materials of `sources`, or read them from `cache` if that has been done before.
 
     Parameters
     ----------
-    sources : list of dict
+    sources : sequence of dict
         See the table above. ``path`` is a file, ``count`` a number; ``held_out`` (nps, nps-mixtures) is ``"without"``
         (leave every fifth material out), ``"only"`` (nothing else) or ``"all"`` (default).
     n_samples : int
@@ -77,7 +89,7 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
     cache : Path
         Folder for the decoded samples; the file name is a digest of everything that decides them.
     progress : callable
-        Wraps the list of materials, e.g. ``tqdm``.
+        Hears of every material, see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
@@ -86,78 +98,100 @@ def build(sources: list[dict], *, n_samples: int, seed: int, cache: Path, progre
     Raises
     ------
     ValueError
-        For an unknown ``kind``; the message lists the choices.
+        For an unknown ``kind``, or a source with a wrong entry; the message lists what is allowed.
     """
+
+    def decode() -> TrainingSet:
+        per_source = [jobs_of(source, n_samples, seed + 1000 * k) for k, source in enumerate(sources)]
+        kinds = [source["kind"] for source, jobs in zip(sources, per_source, strict=True) for _ in jobs]
+        jobs = [job for some in per_source for job in some]
+        samples = np.empty((9, len(jobs) * n_samples), np.float32)
+        materials = []
+        for k, job in enumerate(jobs):
+            m = job()
+            materials.append(m.name)
+            samples[:, k * n_samples : (k + 1) * n_samples] = rows_of(m, np.arange(n_samples))
+            progress(Progress("decode", k + 1, len(jobs)))
+        return TrainingSet(materials, kinds, samples, n_samples)
+
     key = json.dumps([3, sources, n_samples, seed], sort_keys=True)
     file = Path(cache) / f"training-{digest(key.encode())}.npz"
-    if file.exists():
-        return TrainingSet.read(file)
-    per_source = [jobs_of(source, n_samples, seed + 1000 * k) for k, source in enumerate(sources)]
-    kinds = [source["kind"] for source, jobs in zip(sources, per_source, strict=True) for _ in jobs]
-    jobs = [job for some in per_source for job in some]
-    samples = np.empty((9, len(jobs) * n_samples), np.float32)
-    materials = []
-    for k, job in enumerate(progress(jobs)):
-        m = job()
-        materials.append(m.name)
-        samples[:, k * n_samples : (k + 1) * n_samples] = _rows(m, np.arange(n_samples))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    training_set = TrainingSet(materials, kinds, samples, n_samples)
-    training_set.save(file)
-    return training_set
+    return cached(file, decode, TrainingSet.read, lambda path, training_set: training_set.save(path))
 
 
-def jobs_of(source: dict, n: int, seed: int) -> list[Callable[[], Measurements]]:
-    """One function per material of a source; each draws its own directions.
+def jobs_of(source: Source, n: int, seed: int) -> list[Job]:
+    """Return one function per material of a source; each draws its own directions.
 
     Raises
     ------
     ValueError
         For a source that is none; the message shows it.
     """
-    _check_source(source)
     kind = source.get("kind")
-    if kind == "nps":
-        names, latents, decoder = _nps(source)
-        return [lambda k=k: _decoded(decoder, latents[k], names[k], n, seed + k) for k in range(len(names))]
-    if kind == "nps-mixtures":
-        names, latents, decoder = _nps(source)
-        return [lambda k=k: _mixture(source, decoder, latents, n, seed + k) for k in range(source["count"])]
-    if kind == "nbrdf":
-        return [
-            lambda k=k: nbrdf.read(source["path"], k, n_samples=n, seed=seed + k)
-            for k in range(len(nbrdf.names(source["path"])))
-        ]
-    if kind == "synthetic":
-        return [lambda k=k: ggx_anisotropic(seed + k, n)[0] for k in range(source["count"])]
-    if kind == "two-lobes":
-        return [lambda k=k: two_lobes(seed + k, n) for k in range(source["count"])]
-    if kind == "assorted":
-        return [lambda k=k: assorted(seed + k, n) for k in range(source["count"])]
-    if kind == "file":
-        return [lambda: load(source["path"], n_samples=n, seed=seed, material=source.get("material"))]
-    raise ValueError(
-        f'training set: kind "{kind}" is unknown. Choose one of: nps, nps-mixtures, nbrdf, synthetic, two-lobes, '
-        "assorted, file."
-    )
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise ValueError(
+            f'training set: kind "{kind}" is unknown. Choose one of: {", ".join(_KINDS)}.{did_you_mean(kind, _KINDS)}'
+        )
+    jobs, needed, optional = _KINDS[kind]
+    where = f"training set: source {shortened(dict(source), 200)}"
+    refuse_unknown(source, ("kind", *needed, *optional), where)
+    for name in needed:
+        if name not in source:
+            raise ValueError(f"{where}: {name} is missing. A source of this kind needs it.")
+    check(source, _RULES, where)
+    return jobs(source, n, seed)
 
 
-def _check_source(source: dict) -> None:
-    """Raise unless what a source of its kind needs is there, and of the right type."""
-    where, kind = f"training set: source {json.dumps(source)[:200]}", source.get("kind")
-    for key in _NEEDED.get(kind, ()) if isinstance(kind, str) else ():
-        if key not in source or (key == "path" and not isinstance(source[key], str)):
-            raise ValueError(f"{where}: {key} is missing, or no text. A source of this kind needs it.")
-    count, held_out, albedo = source.get("count", 1), source.get("held_out", "all"), source.get("albedo", [0, 1])
-    if type(count) is not int or not 0 <= count <= _MAX_COUNT:
-        raise ValueError(f"{where}: count must be a whole number up to {_MAX_COUNT:,}; got {str(count)[:40]}.")
-    if held_out not in ("all", "without", "only"):
-        raise ValueError(f'{where}: held_out must be "all", "without" or "only"; got {str(held_out)[:40]}.')
-    if not (isinstance(albedo, list) and len(albedo) == 2 and all(type(v) in (int, float) for v in albedo)):
-        raise ValueError(f"{where}: albedo must be [low, high]; got {str(albedo)[:40]}.")
+def _from_nps(source: Source, n: int, seed: int) -> list[Job]:
+    names, latents, decoder = _nps(source)
+    return [functools.partial(_decoded, decoder, latents[k], names[k], n, seed + k) for k in range(len(names))]
 
 
-def _nps(source: dict):
+def _mixtures(source: Source, n: int, seed: int) -> list[Job]:
+    _, latents, decoder = _nps(source)
+    return [functools.partial(_mixture, source, decoder, latents, n, seed + k) for k in range(source["count"])]
+
+
+def _from_nbrdf(source: Source, n: int, seed: int) -> list[Job]:
+    path = source["path"]
+    return [functools.partial(nbrdf.read, path, k, n_samples=n, seed=seed + k) for k in range(len(nbrdf.names(path)))]
+
+
+def _from_file(source: Source, n: int, seed: int) -> list[Job]:
+    return [functools.partial(load, source["path"], n_samples=n, seed=seed, material=source.get("material"))]
+
+
+def _made_up(draw: Callable[[int, int], Measurements]) -> Callable[[Source, int, int], list[Job]]:
+    return lambda source, n, seed: [functools.partial(draw, seed + k, n) for k in range(source["count"])]
+
+
+# kind: its jobs, what it needs, what it may have
+_KINDS: dict[str, tuple[Callable[[Source, int, int], list[Job]], tuple[str, ...], tuple[str, ...]]] = {
+    "nps": (_from_nps, ("path",), ("held_out",)),
+    "nps-mixtures": (_mixtures, ("path", "count"), ("held_out", "albedo", "warp")),
+    "nbrdf": (_from_nbrdf, ("path",), ()),
+    "synthetic": (_made_up(lambda seed, n: ggx_anisotropic(seed, n)[0]), ("count",), ()),
+    "two-lobes": (_made_up(two_lobes), ("count",), ()),
+    "assorted": (_made_up(assorted), ("count",), ()),
+    "file": (_from_file, ("path",), ("material",)),
+}
+
+
+def _is_range(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and len(value) == 2 and all(type(v) in (int, float) for v in value)
+
+
+_RULES = {
+    "path": TEXT,
+    "count": whole(0, _MAX_COUNT),
+    "held_out": one_of("all", "without", "only"),
+    "albedo": Rule("[low, high]", _is_range),
+    "warp": FLAG,
+    "material": Rule("a name, or null", lambda v: v is None or isinstance(v, str)),
+}
+
+
+def _nps(source: Source) -> tuple[list[str], np.ndarray, dict]:
     names, latents = nps.read_latents(source["path"])
     decoder = nps.read_decoder(Path(source["path"]).with_name("decoder.npz"))
     held_out = np.arange(len(names)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
@@ -170,7 +204,7 @@ def _decoded(decoder: dict, latent: np.ndarray, name: str, n: int, seed: int, or
     return Measurements(wi, wo, nps.decode(decoder, latent, wi, wo)[:, list(order)], name, "NPs")
 
 
-def _mixture(source: dict, decoder: dict, latents: np.ndarray, n: int, seed: int) -> Measurements:
+def _mixture(source: Source, decoder: dict, latents: np.ndarray, n: int, seed: int) -> Measurements:
     rng = np.random.default_rng(seed)
     a, b = rng.choice(len(latents), 2, replace=False)
     t = rng.random()

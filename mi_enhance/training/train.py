@@ -6,19 +6,23 @@ One step sees the same few samples of every material. A fused kernel evaluates a
 
 from __future__ import annotations
 
+import functools
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..neural.enhance import enhance
 from ..system.files import read_json, replacing
+from ..system.progress import Callback, Progress, silent
+from ..system.run_folder import keep_settings
 from .analytic_start import analytic_start, validate
 from .curve_picture import draw_curve
 from .imitation import imitate
-from .settings import DEFAULTS
+from .settings import TrainingSettings
 from .sources import build
 from .trainer import Trainer
 
@@ -26,103 +30,94 @@ _EVERY = (1000, 4)  # steps to a checkpoint, and checkpoints to a validation, wh
 
 
 def train(
-    config: dict,
-    folder: Path,
+    config: TrainingSettings | Mapping[str, Any],
+    folder: str | Path,
     *,
-    progress: bool = True,
-    callback: Callable | None = None,
+    progress: Callback = silent,
     every: tuple[int, int] = _EVERY,
 ) -> Trainer:
     """Train a network, or go on where an earlier run in `folder` stopped.
 
     Parameters
     ----------
-    config : dict
-        Entries of :data:`DEFAULTS` that differ from it.
-    folder : Path
+    config : TrainingSettings or dict
+        The settings, or those of them that differ from the defaults.
+    folder : str or Path
         Keeps ``config.json``, ``checkpoint.npz``, ``network.bsdf`` (ready to fit with), ``curve.jsonl`` (per line the
-        step, the mean loss since the last line, also by kind of source and of ``validation`` materials, seconds) and
-        its picture, ``curve.png``.
-    progress : bool
-        Show a bar with the loss.
-    callback : callable, optional
-        ``callback(trainer)`` after every checkpoint.
+        step, the mean loss since the last line, also by kind of source and of ``validation`` materials, seconds), its
+        picture, ``curve.png``, and in ``cache/`` the decoded samples.
+    progress : callable
+        Hears of every decoded material, of every step of the imitation and, after the checkpoint, of every step of the
+        training, with ``loss`` and ``million samples per s`` of the last checkpoint.
     every : (int, int)
         Steps from checkpoint to checkpoint, and checkpoints from validation to validation.
 
     Returns
     -------
     Trainer
-        Holds the networks and the parameters of all training materials.
+        Holds the modules and the parameters of all training materials.
 
     Raises
     ------
     ValueError
-        For an unknown entry of the configuration, or one that differs from the run to be continued.
+        For an unknown or wrong setting, or one that differs from the run to be continued.
+
+    Examples
+    --------
+    >>> data = [{"kind": "synthetic", "count": 100}]
+    >>> train({"data": data, "steps": 1000}, "out/run").material()  # doctest: +SKIP
     """
-    unknown = set(config) - set(DEFAULTS)
-    if unknown:
-        raise ValueError(f"train(): unknown entries {sorted(unknown)}. Choose from: {', '.join(DEFAULTS)}.")
-    config = {**DEFAULTS, **config}
+    settings = config if isinstance(config, TrainingSettings) else TrainingSettings.of(config)
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    file, checkpoint = folder / "config.json", folder / "checkpoint.npz"
-    if checkpoint.exists() and read_json(file, "train()") != config:
-        raise ValueError(f'train(): "{file}" is of a run with other settings. Choose another folder, or remove it.')
-    with replacing(file) as temporary:
-        Path(temporary).write_text(json.dumps(config, indent=2) + "\n")
-    bar = _bar if progress else (lambda items, **_: items)
-    read = lambda sources: build(  # noqa: E731
-        sources,
-        n_samples=config["n_samples"],
-        seed=config["seed"],
-        cache=folder.parent / "cache",
-        progress=lambda jobs: bar(jobs, desc="decode"),
+    checkpoint = folder / "checkpoint.npz"
+    keep_settings(folder / "config.json", settings.to_json(), "train()", begun=checkpoint.exists())
+    read = functools.partial(
+        build, n_samples=settings.n_samples, seed=settings.seed, cache=folder / "cache", progress=progress
     )
-    samples = read(config["data"])
+    samples = read(settings.data)
     brdf = enhance(
-        config["model"],
-        config["replace"],
-        n_latent=config["n_latent"],
-        hidden=config["hidden"],
-        inputs=config["inputs"],
-        modulated=config["modulated"],
-        seed=config["seed"],
+        settings.model,
+        settings.replace,
+        n_latent=settings.n_latent,
+        hidden=settings.hidden,
+        inputs=settings.inputs,
+        modulated=settings.modulated,
+        seed=settings.seed,
     )
     if checkpoint.exists():
-        trainer = Trainer(brdf, samples, config, np.ones((len(samples.names), brdf.n_parameters)))
+        trainer = Trainer(brdf, samples, settings, np.ones((len(samples.names), brdf.n_parameters)))
         trainer.resume(checkpoint)
     else:
-        brdf = imitate(brdf, steps=config["imitation_steps"], seed=config["seed"])
-        trainer = Trainer(brdf, samples, config, analytic_start(brdf, samples))
-    unseen = read(config["validation"]) if config["validation"] and trainer.step < config["steps"] else None
+        brdf = imitate(brdf, steps=settings.imitation_steps, seed=settings.seed, progress=progress)
+        trainer = Trainer(brdf, samples, settings, analytic_start(brdf, samples))
+    total = settings.steps
+    unseen = read(settings.validation) if settings.validation and trainer.step < total else None
     unseen_start = analytic_start(brdf, unseen) if unseen else None
-    refits = {config["steps"] * k // (config["refits"] + 1) for k in range(1, config["refits"] + 1)}
+    refits = {total * k // (settings.refits + 1) for k in range(1, settings.refits + 1)}
     start, first, losses = time.perf_counter(), trainer.step, []
-    for _ in (steps := bar(range(trainer.step, config["steps"]), desc="train")):
+    figures: dict[str, float] = {}
+    while trainer.step < total:
         losses.append(trainer.advance())
         if trainer.step in refits:
             trainer.refit()
-        last = trainer.step == config["steps"]
+        last = trainer.step == total
         if trainer.step % every[0] == 0 or last:
             mean, seconds = float(np.mean(losses)), time.perf_counter() - start
             record = {"step": trainer.step, "loss": mean, **_by_kind(samples.kinds, np.mean(losses, 0))}
-            if unseen and (last or trainer.step % (every[0] * every[1]) == 0):
+            if unseen and unseen_start is not None and (last or trainer.step % (every[0] * every[1]) == 0):
                 losses_unseen = _by_kind(unseen.kinds, validate(trainer.result(), unseen, unseen_start))
                 record |= {f"validation {kind}": loss for kind, loss in losses_unseen.items()}
             curve = [*_curve(folder), {**record, "seconds": round(seconds, 1)}]
             # all lines at once: a killed run never leaves half a line
             with replacing(folder / "curve.jsonl") as temporary:
                 Path(temporary).write_text("".join(json.dumps(line) + "\n" for line in curve))
-            if progress:
-                steps.set_postfix(loss=f"{mean:.5f}", samples=f"{_rate(trainer, first, seconds):.2f} M/s")
             trainer.save(checkpoint)
             _ship(trainer, folder)
             if _has_validation(record):
-                draw_curve(_curve(folder), folder / "curve.png")
-            losses = []
-            if callback:
-                callback(trainer)
+                draw_curve(curve, folder / "curve.png")
+            rate = (trainer.step - first) * trainer.n_materials * settings.batch / seconds / 1e6
+            figures, losses = {"loss": mean, "million samples per s": rate}, []
+        progress(Progress("train", trainer.step, total, figures))
     _ship(trainer, folder)
     return trainer
 
@@ -145,13 +140,3 @@ def _curve(folder: Path) -> list[dict]:
 def _by_kind(kinds: list[str], losses: np.ndarray) -> dict[str, float]:
     """Mean loss of each kind of material: noisy ones hide what happens to the others."""
     return {kind: float(losses[np.array(kinds) == kind].mean()) for kind in sorted(set(kinds))}
-
-
-def _rate(trainer: Trainer, first: int, seconds: float) -> float:
-    return (trainer.step - first) * trainer.n_materials * trainer.config["batch"] / seconds / 1e6
-
-
-def _bar(items, desc: str):
-    from tqdm import tqdm
-
-    return tqdm(items, desc=desc, mininterval=2)

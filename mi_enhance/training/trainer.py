@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -16,15 +18,15 @@ from ..material.material import Material
 from ..neural import trainable
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import levenberg_marquardt
+from ..numerics.schedules import cosine_decay
 from ..system import npz
 from ..system.files import replacing
-from ..system.garbage_collection import _no_collection
-from .analytic_start import _START_SAMPLES, representative
+from ..system.garbage_collection import no_collection
+from .analytic_start import START_SAMPLES, representative
+from .settings import TrainingSettings
 from .training_set import TrainingSet, first_samples
 
 _REFIT_AT_ONCE = 128  # materials: bounds the memory of their Jacobians
-
-
 # Steps, at most a quarter of all, in which the rates rise: Adam's first, before its moments mean anything, can kill a
 # lobe.
 _WARM_UP = 200
@@ -37,14 +39,14 @@ class Trainer:
     ----------
     brdf : EnhancedBRDF
     samples : TrainingSet
-    config : dict
-        As :data:`DEFAULTS`.
+    settings : TrainingSettings
+        Read are `batch`, `steps`, `lr`, `lr_parameters` and `seed`.
     start : array (M, n_parameters)
         Parameters of the materials to start from.
     """
 
-    def __init__(self, brdf: EnhancedBRDF, samples: TrainingSet, config: dict, start: np.ndarray):
-        self.brdf, self.config, self.samples = brdf, config, samples
+    def __init__(self, brdf: EnhancedBRDF, samples: TrainingSet, settings: TrainingSettings, start: np.ndarray):
+        self.brdf, self.settings, self.samples = brdf, settings, samples
         self.n_materials = len(samples.names)
         self.step = 0
         self.trainable = trainable.Trainable(brdf.modules)
@@ -54,7 +56,7 @@ class Trainer:
         # Tracing takes as long as the kernels; they are the same in every step.
         self._backward = dr.freeze(lambda *inputs: self._trace_backward(*inputs))
         self._low, self._high = repeat(space.low), repeat(space.high)
-        self.optimizer = Adam(lr=config["lr"])
+        self.optimizer = Adam(lr=settings.lr)
         self.optimizer["weights"] = self.trainable.weights
         # all parameters of all materials, parameter after parameter, in the space that is optimized (log alpha)
         self._start = space.to_free(start)
@@ -62,25 +64,25 @@ class Trainer:
 
     def _indices(self) -> mi.UInt32:
         """A run of consecutive samples of every material, from a random place; they are in random order anyway."""
-        n, total = self.config["batch"], self.samples.n_samples
-        rng = np.random.default_rng((self.config["seed"], self.step))
+        n, total = self.settings.batch, self.samples.n_samples
+        rng = np.random.default_rng((self.settings.seed, self.step))
         start = mi.UInt32(rng.integers(0, total, self.n_materials).astype(np.uint32))
         offset = dr.repeat(start, n) + dr.tile(dr.arange(mi.UInt32, n), self.n_materials)
         offset = dr.select(offset >= total, offset - total, offset)
         return offset + total * dr.repeat(dr.arange(mi.UInt32, self.n_materials), n)
 
     def gradients(self) -> tuple[np.ndarray, mi.Float, mi.Float]:
-        """Loss per material on the next batch (eq. 1), gradient of the weights, gradient of the parameters."""
+        """Return the loss (eq. 1) per material on the next batch, and the gradients of weights and of parameters."""
         weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
-        with _no_collection():
+        with no_collection():
             loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices())
-        return np.array(loss, np.float64) / self.config["batch"], self.trainable.gradient(), gradient
+        return np.array(loss, np.float64) / self.settings.batch, self.trainable.gradient(), gradient
 
     def _trace_backward(self, weights, flat, data, index):
-        """Sum of the loss per material, gradient of the parameters, and what the gradient of the weights is made of."""
+        """Return the sum of the loss per material, the gradient of the parameters, and the parts of the weights'."""
         rows = [dr.gather(mi.Float, row, index) for row in data]
         wi, wo, f = mi.Vector3f(*rows[:3]), mi.Vector3f(*rows[3:6]), mi.Color3f(*rows[6:])
-        n = self.config["batch"]
+        n = self.settings.batch
         self.trainable.weights = weights
         dr.enable_grad(weights, flat)
         loss, gradient = Objective(self.brdf, wi, wo, f, n, self.trainable).gradient(flat)
@@ -89,16 +91,17 @@ class Trainer:
     def advance(self) -> np.ndarray:
         """Take one step and return the loss of every material before it."""
         loss, weights, params = self.gradients()
-        fall = 0.01 + 0.99 * 0.5 * (1 + np.cos(np.pi * min(self.step / self.config["steps"], 1)))
-        fall *= min(1, (self.step + 1) / min(_WARM_UP, max(1, self.config["steps"] // 4)))
-        rates = {"weights": self.config["lr"], "parameters": self.config["lr_parameters"]}
-        self.optimizer.set_learning_rate({key: float(rate * fall) for key, rate in rates.items()})
+        steps = self.settings.steps
+        fall = cosine_decay(self.step, steps, warm_up=min(_WARM_UP, max(1, steps // 4)))
+        self.optimizer.set_learning_rate(
+            {"weights": self.settings.lr * fall, "parameters": self.settings.lr_parameters * fall}
+        )
         for key, gradient in (("weights", weights), ("parameters", params)):
             dr.set_grad(self.optimizer[key], gradient)
         self.optimizer.step()
         clipped = dr.clip(dr.detach(self.optimizer["parameters"]), self._low, self._high)
         self.optimizer["parameters"] = clipped
-        self.trainable.weights = self.optimizer["weights"]
+        self.trainable.weights = cast(mi.Float, self.optimizer["weights"])
         self.step += 1
         return loss
 
@@ -108,7 +111,7 @@ class Trainer:
         Noisy small steps drive a few materials, mostly near-mirrors, into minima they do not leave: a tilted normal, a
         roughness at its bound.
         """
-        brdf, space, n = self.result(), self._space, min(_START_SAMPLES, self.samples.n_samples)
+        brdf, space, n = self.result(), self._space, min(START_SAMPLES, self.samples.n_samples)
         u = space.to_free(self.parameters())
         for first in range(0, self.n_materials, _REFIT_AT_ONCE):
             part = slice(first, first + _REFIT_AT_ONCE)
@@ -123,18 +126,18 @@ class Trainer:
         self.optimizer["parameters"] = mi.Float(u.T.ravel().astype(np.float32))
 
     def result(self) -> EnhancedBRDF:
-        """The BRDF with the current weights."""
+        """Return the BRDF with the current weights."""
         return dataclasses.replace(self.brdf, modules=self.trainable.networks())
 
     def parameters(self) -> np.ndarray:
-        """Physical parameters of all materials, array (M, n_parameters), float64."""
+        """Return the physical parameters of all materials, array (M, n_parameters), float64."""
         flat = np.array(dr.detach(self.optimizer["parameters"]), np.float64).reshape(-1, self.n_materials)
         return self._space.to_physical(flat.T.copy())
 
-    def material(self, curve: list[dict] = ()) -> Material:
-        """The network as it is shipped: weights, where fits start, and how it was made, its `curve` included."""
-        seen = self.step * self.n_materials * self.config["batch"]
-        report = {"config": self.config, "steps": self.step, "samples_seen": seen, "curve": list(curve)}
+    def material(self, curve: Sequence[dict] = ()) -> Material:
+        """Return the network as it is shipped: weights, starts of fits, and a report with the `curve`."""
+        seen = self.step * self.n_materials * self.settings.batch
+        report = {"config": self.settings.to_json(), "steps": self.step, "samples_seen": seen, "curve": list(curve)}
         keep = representative(self.samples.kinds)
         return Material(
             self.result(),
@@ -145,12 +148,13 @@ class Trainer:
 
     def save(self, path: Path) -> None:
         """Write a checkpoint: weights, parameters, state of the optimizer, step."""
-        arrays = {"step": self.step, "start": self._start}
+        arrays: dict[str, Any] = {"step": self.step, "start": self._start}
         for key in ("weights", "parameters"):
             _, _, _, (t, m, v, _) = self.optimizer.state[key]
             arrays |= {key: dr.detach(self.optimizer[key]), f"{key}_t": t, f"{key}_m": m, f"{key}_v": v}
+        arrays = {key: np.array(value) for key, value in arrays.items()}
         with replacing(path) as temporary:
-            np.savez(temporary, **{k: np.array(v) for k, v in arrays.items()})
+            np.savez(temporary, **arrays)
 
     def resume(self, path: Path) -> None:
         """Go on from a checkpoint, to the bit; a ValueError if it is damaged or another network's."""
@@ -164,5 +168,6 @@ class Trainer:
                 mi.Float(npz.numbers(stored, f"{key}{suffix}", n, where)) for suffix in ("", "_m", "_v")
             )
             value, promoted, rate, _ = self.optimizer.state[key]
-            self.optimizer.state[key] = value, promoted, rate, (mi.UInt32(stored[f"{key}_t"]), m, v, None)
-        self.trainable.weights = self.optimizer["weights"]
+            counter: Any = mi.UInt32(stored[f"{key}_t"])
+            self.optimizer.state[key] = value, promoted, rate, (counter, m, v, None)
+        self.trainable.weights = cast(mi.Float, self.optimizer["weights"])

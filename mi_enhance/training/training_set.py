@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..data.measurements import Measurements
+from ..numerics.arrays import color3f, vector3f
 from ..system import npz
 from ..system.files import replacing
 
@@ -33,12 +34,12 @@ class TrainingSet:
     n_samples: int
 
     def material(self, k: int) -> Measurements:
-        """The samples of material `k`."""
+        """Return the samples of material `k`."""
         part = self.samples[:, k * self.n_samples : (k + 1) * self.n_samples].T
         return Measurements(part[:, :3], part[:, 3:6], part[:, 6:], self.names[k], "training set")
 
     def split(self, n: int) -> tuple[TrainingSet, TrainingSet]:
-        """The first `n` samples of every material, and the rest."""
+        """Return the first `n` samples of every material, and the rest."""
         rows = self.samples.reshape(9, -1, self.n_samples)
         first, rest = (np.ascontiguousarray(part.reshape(9, -1)) for part in (rows[:, :, :n], rows[:, :, n:]))
         return (
@@ -53,7 +54,7 @@ class TrainingSet:
 
     @staticmethod
     def read(path: Path) -> TrainingSet:
-        """The inverse of :meth:`save`.
+        """Read what :meth:`save` has written.
 
         Raises
         ------
@@ -72,21 +73,21 @@ class TrainingSet:
 
 
 def gather(materials: list[Measurements], n_samples: int, seed: int) -> TrainingSet:
-    """A training set of measurements at hand: `n_samples` of each at random, repeated where there are fewer."""
+    """Return a training set of measurements at hand: `n_samples` of each at random, repeated where there are fewer."""
     rng = np.random.default_rng(seed)
     order = [rng.permutation(len(m.f)) for m in materials]
-    rows = [_rows(m, np.resize(index, n_samples)) for m, index in zip(materials, order, strict=True)]
+    rows = [rows_of(m, np.resize(index, n_samples)) for m, index in zip(materials, order, strict=True)]
     return TrainingSet([m.name for m in materials], ["given"] * len(materials), np.concatenate(rows, axis=1), n_samples)
 
 
-def _rows(m: Measurements, index: np.ndarray) -> np.ndarray:
-    """wi, wo, f of the samples `index` as rows, from the start again where a table has fewer."""
+def rows_of(m: Measurements, index: np.ndarray) -> np.ndarray:
+    """Return wi, wo, f of the samples `index` as rows (9, N), from the start again where a table has fewer."""
     return np.concatenate([m.wi, m.wo, m.f], axis=1)[index % len(m.f)].T
 
 
-def first_samples(samples: TrainingSet, n: int, materials=slice(None)) -> tuple:
-    """wi, wo and f of the first n samples of the materials, as Dr.Jit arrays."""
+def first_samples(
+    samples: TrainingSet, n: int, materials: slice = slice(None)
+) -> tuple[mi.Vector3f, mi.Vector3f, mi.Color3f]:
+    """Return wi, wo and f of the first n samples of the materials, as Dr.Jit arrays."""
     rows = samples.samples.reshape(9, -1, samples.n_samples)[:, materials, :n].reshape(9, -1)
-    return tuple(
-        t(np.ascontiguousarray(rows[k : k + 3])) for k, t in ((0, mi.Vector3f), (3, mi.Vector3f), (6, mi.Color3f))
-    )
+    return vector3f(rows[:3].T), vector3f(rows[3:6].T), color3f(rows[6:].T)

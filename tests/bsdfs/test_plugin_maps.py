@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from plugin_scenes import analytic, bitmap, close, directions, evaluate, hit, material, scene, vectors
 
+from mi_enhance.material.material_maps import MaterialMaps
+
 N = 2000
 
 # --- textures ---------------------------------------------------------------------------------------------------------
@@ -65,6 +67,67 @@ def test_mesh_attributes_are_textures(llvm):
             mesh.add_attribute(f"vertex_{k}", np.size(v), np.tile(v, 4).astype(np.float32))
         images.append(np.array(mi.render(scene({"quad": mesh}))))
     close(*images, rel=1e-4)
+
+
+# --- maps ----------------------------------------------------------------------------------------------------------
+
+
+def _turn():
+    return mi.ScalarTransform3f().translate([0.25, 0.1]).rotate(30).scale([3, 2])
+
+
+def _maps() -> MaterialMaps:
+    rng = np.random.default_rng(0)
+    return MaterialMaps(material(), {"rho_d": rng.random((3, 4, 3)), "latent": rng.random((3, 4, 27))})
+
+
+@pytest.mark.parametrize("uv", [(0.3, 0.6), (-0.4, 1.7)])
+@pytest.mark.parametrize("wrap_mode", ["repeat", "mirror", "clamp"])
+@pytest.mark.parametrize("to_uv", [False, True], ids=["as it is", "turned"])
+def test_maps_are_placed_as_a_bitmap_is(llvm, wrap_mode, to_uv, uv):
+    """Colours by Mitsuba's own bitmap, latent numbers by ours: the value at the point is that of bitmaps."""
+    maps, how = _maps(), {"wrap_mode": wrap_mode, **({"to_uv": _turn()} if to_uv else {})}
+    b = mi.load_dict({**maps.to_dict(), **how})
+    si, values = hit(directions(1), uv), {}
+    for name, channels in maps.maps.items():
+        numbers = []
+        for k in range(channels.shape[2]):
+            data = mi.TensorXf(np.ascontiguousarray(channels[..., k : k + 1]))
+            numbers.append(mi.load_dict({"type": "bitmap", "data": data, "raw": True, **how}).eval_1(si)[0])
+        values[name] = np.array(numbers)
+    wi, wo = directions(N), directions(N, seed=1)
+    close(evaluate(b, wi, wo, uv), evaluate(maps.material.edit(**values).bsdf(), wi, wo), 1e-4)
+
+
+def test_maps_are_turned_by_traverse(llvm):
+    b, wi, wo = _maps().bsdf(), directions(N), directions(N, seed=1)
+    params = mi.traverse(b)
+    for name in ("rho_d", "latent"):
+        params[f"{name}.to_uv"] = _turn()
+    params.update()
+    expected = mi.load_dict({**_maps().to_dict(), "to_uv": _turn()})
+    close(evaluate(b, wi, wo, (0.3, 0.6)), evaluate(expected, wi, wo, (0.3, 0.6)))
+
+
+def test_maps_of_a_file_take_to_uv_from_xml(llvm, tmp_path):
+    maps = _maps()
+    maps.material.save(tmp_path / "m.bsdf")
+    maps.save(tmp_path / "m.exr")
+    (tmp_path / "s.xml").write_text(
+        '<scene version="3.0.0"><shape type="sphere"><bsdf type="enhanced"><string name="filename" value="m.bsdf"/>'
+        '<string name="maps" value="m.exr"/><string name="wrap_mode" value="mirror"/>'
+        '<transform name="to_uv"><scale x="3" y="2"/></transform></bsdf></shape></scene>'
+    )
+    b = mi.load_file(str(tmp_path / "s.xml")).shapes()[0].bsdf()
+    how = {"wrap_mode": "mirror", "to_uv": mi.ScalarTransform3f().scale([3, 2])}
+    wi, wo = directions(N), directions(N, seed=1)
+    close(evaluate(b, wi, wo, (0.7, 0.2)), evaluate(mi.load_dict({**maps.to_dict(), **how}), wi, wo, (0.7, 0.2)))
+
+
+@pytest.mark.parametrize("key", ["wrap_mode", "filter_type"])
+def test_unknown_mode_of_maps_is_refused(llvm, key):
+    with pytest.raises(RuntimeError, match=rf'bsdf "enhanced": {key} "tile" is unknown. Choose one of: '):
+        mi.load_dict({**_maps().to_dict(), key: "tile"})
 
 
 # --- wrappers ---------------------------------------------------------------------------------------------------------

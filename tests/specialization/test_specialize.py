@@ -21,6 +21,7 @@ from mi_enhance.material.material import Material
 from mi_enhance.neural import distilled_network
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.specialization import distillation, pruning
+from mi_enhance.specialization.report import SpecializeReport
 from mi_enhance.specialization.specialize import specialize
 
 N = 4000
@@ -56,6 +57,8 @@ def rendered(m: Material, wi, wo):
 def test_error_is_the_one_it_states_and_below_the_one_asked_for(llvm):
     report = fast().report
     assert report["specialize_error"] <= report["specialize_max_error"] == 3e-3
+    record = SpecializeReport.of(report)
+    assert record.entries().items() <= report.items() and SpecializeReport.of(exact().report) is None
     # other pairs of directions: a mean over 4,000 of them
     np.testing.assert_allclose(difference(fast(), exact()), report["specialize_error"], rtol=0.1)
 
@@ -67,6 +70,7 @@ def test_a_tenth_of_the_work(llvm):
     assert report["specialize_seconds"] < 120  # a busy machine; 10 s are meant on a quiet one
 
 
+@pytest.mark.slow
 def test_a_smaller_error_takes_a_larger_network_in_the_end_the_exact_one(llvm):
     pruned = specialize(exact(), max_error=1e-9)
     assert pruned.report["specialize_network"] == "exact, without linear units"
@@ -83,6 +87,7 @@ def test_colours_keep_their_meaning(llvm):
     close(2 * one, two)
 
 
+@pytest.mark.slow
 def test_symmetric_where_asymmetry_is_0(llvm):
     m = specialize(exact().edit(asymmetry=0.5), max_error=1e-2)
     assert "difference" in m.brdf.distilled[0].inputs
@@ -121,6 +126,7 @@ def test_lobe_without_colour_is_left_out_of_the_small_network(llvm):
     close(evaluate(m.bsdf(), wi, wo), m.evaluate(wi, wo) * wo[:, 2:])
 
 
+@pytest.mark.slow
 def test_measurements_are_followed(llvm):
     """What the networks got wrong everywhere, here by a factor, the small one can learn."""
     wi, wo = sample_pairs(20_000, seed=3)
@@ -130,6 +136,7 @@ def test_measurements_are_followed(llvm):
     assert report["specialize_log_l1"] < 0.3 * report["specialize_log_l1_exact"]
 
 
+@pytest.mark.slow
 def test_small_shared_network_for_textured_materials(llvm):
     """Close to the exact material for a fifth of the multiply-adds, and everything can still vary over a surface."""
     m = specialize(exact(), textured=True)
@@ -145,6 +152,7 @@ def own_samples(m: Material) -> data.Measurements:
     return data.Measurements(wi, wo, rendered(m, wi, wo).astype(np.float32), "itself", "test")
 
 
+@pytest.mark.slow
 def test_fit_goes_on_from_the_exact_material(llvm):
     m, _ = synthetic.ggx_anisotropic(3, n_samples=300, noise=0)
     small = enhance("ggx2", ("B", "G", "G2"), inputs="shape", modulated=True, n_latent=4, hidden=(8, 8), seed=1)
@@ -169,6 +177,7 @@ def test_what_it_refuses(llvm, make, message):
         specialize(m, max_error=error)
 
 
+@pytest.mark.slow
 def test_the_papers_state_is_one_factor(llvm):
     m = Material(enhance("ggx", seed=1), {})
     s = specialize(m, max_error=10.0)

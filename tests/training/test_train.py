@@ -15,10 +15,14 @@ from mi_enhance.analytic import parameters
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
+from mi_enhance.system.bundled_files import network_file
 from mi_enhance.training.imitation import _random, imitate
+from mi_enhance.training.settings import TrainingSettings
+from mi_enhance.training.sources import build
 from mi_enhance.training.train import train
 
 CONFIG = {
+    "inputs": "symmetric",
     "data": [{"kind": "synthetic", "count": 3}],
     "n_samples": 1024,
     "batch": 64,
@@ -88,7 +92,7 @@ def test_imitation_is_repeatable(llvm):
     assert np.array_equal(a, b) and not np.array_equal(a, mlp.flatten(brdf.modules))
 
 
-EVERY_20 = {"every": (20, 1), "progress": False}
+EVERY_20 = {"every": (20, 1)}
 
 
 def test_loss_falls_on_three_materials(llvm, tmp_path):
@@ -103,12 +107,13 @@ def test_killed_run_goes_on_to_the_bit(llvm, tmp_path):
     class KilledError(Exception):
         pass
 
-    def kill(trainer):
-        raise KilledError
+    def kill(progress):
+        if (progress.stage, progress.step) == ("train", 25):  # the checkpoint is of step 20
+            raise KilledError
 
     whole = final(train(CONFIG, tmp_path / "whole", **EVERY_20))
     with pytest.raises(KilledError):
-        train(CONFIG, tmp_path / "killed", callback=kill, **EVERY_20)
+        train(CONFIG, tmp_path / "killed", progress=kill, **EVERY_20)
     resumed = train(CONFIG, tmp_path / "killed", **EVERY_20)
     assert resumed.step == CONFIG["steps"]
     for a, b in zip(whole, final(resumed), strict=True):
@@ -116,14 +121,14 @@ def test_killed_run_goes_on_to_the_bit(llvm, tmp_path):
 
 
 def test_finished_run_is_returned_as_it_is(llvm, tmp_path):
-    first = train(CONFIG, tmp_path / "run", progress=False)
-    again = train(CONFIG, tmp_path / "run", progress=False)
+    first = train(CONFIG, tmp_path / "run")
+    again = train(CONFIG, tmp_path / "run")
     for a, b in zip(final(first), final(again), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 def test_network_file_holds_what_was_trained(llvm, tmp_path):
-    trainer = train(CONFIG, tmp_path / "run", progress=False)
+    trainer = train(CONFIG, tmp_path / "run")
     network = Material.load(tmp_path / "run/network.bsdf")
     assert np.array_equal(mlp.flatten(network.brdf.modules), final(trainer)[0])
     assert network.library.shape == (3, 12 + 4)
@@ -150,23 +155,66 @@ def test_two_lobes_are_trained_and_come_back_from_their_file(llvm, tmp_path):
 
 def test_unknown_setting_is_refused(tmp_path):
     with pytest.raises(
-        ValueError, match=r"train\(\): unknown entries \['learning_rate'\]\. Choose from: model, replace, "
+        ValueError, match=r'train\(\): unknown setting "batsh"\. Choose from: model, .*, seed\. Did you mean "batch"\?'
     ):
-        train({"learning_rate": 1}, tmp_path / "run")
+        train({"batsh": 1}, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    "wrong, message",
+    [
+        ({"batch": 0}, "batch is 0; it must be a whole number of at least 1"),
+        ({"lr": float("nan")}, "lr is nan; it must be a number of at least 0"),
+        ({"inputs": "angles"}, 'inputs is \'angles\'; it must be "shape", .* or "directions"'),
+        ({"modulated": 1}, "modulated is 1; it must be true or false"),
+        ({"data": {"kind": "nps"}}, "data is .*; it must be a list"),
+    ],
+)
+def test_wrong_settings_are_refused(tmp_path, wrong, message):
+    with pytest.raises(ValueError, match=r"train\(\): " + message):
+        train({**CONFIG, **wrong}, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "wrong, message",
+    [
+        (
+            {"kind": "synthetik", "count": 3},
+            'kind "synthetik" is unknown. Choose one of: .* Did you mean "synthetic"',
+        ),
+        ({"kind": "synthetic"}, "count is missing. A source of this kind needs it"),
+        ({"kind": "synthetic", "count": 3.0}, "count is 3.0; it must be a whole number from 0 to 1,000,000"),
+        ({"kind": "synthetic", "cuont": 3}, 'unknown setting "cuont". Choose from: kind, count. Did you mean "count"'),
+        ({"kind": "nbrdf", "path": 3}, "path is 3; it must be a text"),
+    ],
+)
+def test_wrong_sources_are_refused(tmp_path, wrong, message):
+    with pytest.raises(ValueError, match="training set: .*" + message):
+        build([wrong], n_samples=8, seed=0, cache=tmp_path / "cache")
+    assert not (tmp_path / "cache").exists()
+
+
+def test_shipped_settings_are_read():
+    """Every file of settings that comes with the package, and what it means: paper.json keeps the paper's inputs."""
+    found = {p.stem: json.loads(p.read_text()) for p in network_file("ggx").parent.glob("*.json")}
+    settings = {name: TrainingSettings.of(v) for name, v in found.items() if isinstance(v, dict)}
+    assert {"ggx", "ggx2", "paper", "ward"} <= set(settings)
+    assert settings["paper"].inputs == "symmetric" and settings["ggx2"].inputs == "shape"
+
+
 def test_folder_of_another_run_is_refused(llvm, tmp_path):
-    train(CONFIG, tmp_path / "run", progress=False)
-    kept = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
-    with pytest.raises(ValueError, match=r'config\.json" is of a run with other settings\. Choose another folder'):
-        train({**CONFIG, "lr": 1e-4}, tmp_path / "run", progress=False)
-    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == kept
+    train(CONFIG, tmp_path / "run")
+    kept = {p.name: p.read_bytes() for p in (tmp_path / "run").glob("*.*")}
+    with pytest.raises(ValueError, match=r'config\.json" is of a run with other settings \(lr\)\. Choose another'):
+        train({**CONFIG, "lr": 1e-4}, tmp_path / "run")
+    assert {p.name: p.read_bytes() for p in (tmp_path / "run").glob("*.*")} == kept
 
 
 def test_gradients_of_a_step_are_those_of_the_loss(llvm, tmp_path):
     """Against the twin: a small step against the gradient lowers the loss as much as the gradient says."""
-    trainer = train({**CONFIG, "steps": 1}, tmp_path / "run", progress=False)
+    trainer = train({**CONFIG, "steps": 1}, tmp_path / "run")
     loss, weights, _ = trainer.gradients()
     rows = np.array([np.array(row) for row in trainer._data])[:, np.array(trainer._indices())]
     wi, wo, f = rows[:3].T, rows[3:6].T, rows[6:].T.astype(np.float64)
@@ -192,25 +240,24 @@ def test_gradients_of_a_step_are_those_of_the_loss(llvm, tmp_path):
 
 def test_materials_trained_together_do_not_touch_each_other(llvm, tmp_path):
     """The gradient of one material's parameters is the same whatever the others are."""
-    from mi_enhance.training.settings import DEFAULTS
     from mi_enhance.training.trainer import Trainer
     from mi_enhance.training.training_set import TrainingSet
 
-    trainer = train({**CONFIG, "steps": 1}, tmp_path / "run", progress=False)
+    trainer = train({**CONFIG, "steps": 1}, tmp_path / "run")
     samples, values = trainer.samples, trainer.parameters()
     changed = samples.samples.copy()
     changed[6:, samples.n_samples :] *= 2  # the second and third material are brighter
-    settings = ({**DEFAULTS, **CONFIG}, values)
-    a = Trainer(trainer.brdf, samples, *settings).gradients()[2]
+    settings = TrainingSettings.of(CONFIG)
+    a = Trainer(trainer.brdf, samples, settings, values).gradients()[2]
     other = TrainingSet(samples.names, samples.kinds, changed, samples.n_samples)
-    b = Trainer(trainer.brdf, other, *settings).gradients()[2]
+    b = Trainer(trainer.brdf, other, settings, values).gradients()[2]
     a, b = (np.array(v).reshape(-1, 3) for v in (a, b))
     np.testing.assert_allclose(a[:, 0], b[:, 0], rtol=1e-5, atol=1e-9)
     assert np.abs(a[:, 1:] - b[:, 1:]).max() > 1e-4
 
 
 def test_result_is_the_brdf_with_the_trained_weights(llvm, tmp_path):
-    trainer = train({**CONFIG, "steps": 2}, tmp_path / "run", progress=False)
+    trainer = train({**CONFIG, "steps": 2}, tmp_path / "run")
     expected = dataclasses.replace(trainer.brdf, modules=trainer.trainable.networks())
     assert str(trainer.result()) == str(expected)
     assert np.array_equal(mlp.flatten(trainer.result().modules), mlp.flatten(expected.modules))

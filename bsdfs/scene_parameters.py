@@ -1,0 +1,259 @@
+"""The parameters of the plugin: values and textures that a scene gives, else those of the material, held in range."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterator, Mapping
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from mi_enhance.analytic import parameters
+from mi_enhance.analytic.parameters import Parameter
+from mi_enhance.material.material import Material
+from mi_enhance.material.material_maps import MaterialMaps
+from mi_enhance.neural import baked, cooperative
+
+# Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
+_RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
+_FILTERS = {"bilinear": dr.FilterMode.Linear, "nearest": dr.FilterMode.Nearest}
+_WRAPS = {"repeat": dr.WrapMode.Repeat, "mirror": dr.WrapMode.Mirror, "clamp": dr.WrapMode.Clamp}
+
+
+class LatentMap(mi.Texture):
+    """A bitmap of as many channels as there are latent numbers; Mitsuba's own has one or three."""
+
+    def __init__(self, data: mi.TensorXf, filter_type: str, wrap_mode: str, to_uv: mi.ScalarTransform3f):
+        super().__init__(mi.Properties())
+        # Not in texture memory, which a GPU has for up to four channels, and whose values have no gradients.
+        self.m_texture = mi.Texture2f(
+            data, use_accel=False, migrate=False, filter_mode=_FILTERS[filter_type], wrap_mode=_WRAPS[wrap_mode]
+        )
+        self.m_to_uv = to_uv
+
+    def traverse(self, cb):
+        cb.put("data", self.m_texture.tensor(), mi.ParamFlags.Differentiable)
+        cb.put("to_uv", self.m_to_uv, mi.ParamFlags.NonDifferentiable)
+
+    def parameters_changed(self, keys=()):
+        self.m_texture.update_inplace()
+
+    def numbers(self, si: mi.SurfaceInteraction3f, active) -> list[mi.Float]:
+        """All of them at the hit point."""
+        m, (u, v) = self.m_to_uv.matrix, si.uv
+        uv = mi.Point2f(*(m[k, 0] * u + m[k, 1] * v + m[k, 2] for k in range(2)))
+        return self.m_texture.eval(uv, active)
+
+    def is_spatially_varying(self):
+        return True
+
+    def to_string(self):
+        return f"LatentMap[{self.m_texture.shape}]"
+
+
+def held(p: Parameter, value):
+    """Return a value, or a list of them, held in the range of its parameter.
+
+    The gradient passes as if nothing had been held: a clip would have none outside of the range, and an optimizer that
+    has stepped out could not come back.
+    """
+    if isinstance(value, list):
+        return [held(p, v) for v in value]
+    inside = dr.clip(value, p.low, p.high)
+    return dr.replace_grad(inside, value) if dr.grad_enabled(value) else inside
+
+
+@dataclasses.dataclass(eq=False, init=False)  # a dataclass: `dr.freeze` finds the arrays of its fields
+class SceneParameters:
+    """Values and textures of the parameters of one BSDF.
+
+    Parameters
+    ----------
+    props : mi.Properties
+    material : Material
+        Has what the scene does not give.
+    where : str
+        For error messages.
+    """
+
+    values: dict[str, mi.Float]  # as they were put in
+    textures: dict[str, mi.Texture]
+    inside: dict[str, mi.Float]  # the values held in range, of the last update
+    spectra: dict[str, tuple[mi.Texture, float]]  # the colours among the values, in spectral variants
+
+    def __init__(self, props: mi.Properties, material: Material, where: str):
+        self._parameters = {p.name: p for p in material.brdf.parameters}
+        # a specialized material has them in the weights of its own network
+        self._hidden = {n for n in self._parameters if n == "latent" or n.startswith("norm_")}
+        self._hidden = self._hidden if material.brdf.distilled else set()
+        self._colours = [p.name for p in material.brdf.parameters if p.is_colour]
+        self.values, self.textures, self.inside, self.spectra = {}, _maps(props, material), {}, {}
+        for p in material.brdf.parameters:
+            self._read(props, p, material.params[p.name], where)
+
+    def _read(self, props: mi.Properties, p: Parameter, value: np.ndarray, where: str) -> None:
+        """Take a parameter from the scene, else from the maps, else `value`, the material's."""
+        if p.name in props and p.name != "latent":
+            self.textures.pop(p.name, None)
+            given = props[p.name]
+            is_spectrum = p.name in self._colours and props.type(p.name) == mi.Properties.Type.Spectrum
+            if is_spectrum or isinstance(given, mi.Texture):
+                self.textures[p.name] = props.get_unbounded_texture(p.name)
+                return
+            try:
+                numbers = np.atleast_1d(np.asarray(given, np.float64)).ravel()
+            except (TypeError, ValueError):
+                what = "a colour, spectrum" if p.name in self._colours else "a number"
+                raise TypeError(f"{where}: {p.name} must be {what} or texture; got {given!r}.") from None
+            value = parameters.check([p], {p.name: numbers}, where)[p.name]
+        elif p.name in self.textures:
+            return
+        self.values[p.name] = mi.Color3f(value) if p.is_colour else mi.Float(value)
+
+    def check_uniform(self, where: str) -> None:
+        """Raise where the table of one material would have to bound the energy of all that a texture makes of it."""
+        wrong = sorted(name for name, texture in self.textures.items() if texture.is_spatially_varying())
+        if wrong:
+            raise ValueError(
+                f"{where}: energy is bounded for one material at a time; {', '.join(wrong)} must not be textured here. "
+                "Give a value, or set energy to false."
+            )
+
+    def traverse(self, cb) -> None:
+        """Hand out values and textures, as ``mi.Object.traverse``."""
+        for name, value in self.values.items():
+            if name not in self._hidden:
+                # Upsampling to spectra is not differentiable.
+                flag = mi.ParamFlags.NonDifferentiable if name in self.spectra else mi.ParamFlags.Differentiable
+                cb.put(name, value, flag)
+        for name, texture in self.textures.items():
+            cb.put(name, texture, mi.ParamFlags.Differentiable)
+
+    def update(self, left_out: Collection[str]) -> None:
+        """Take over the values as they are now; those left out are all 0."""
+        for name, value in self.values.items():
+            if name in left_out:
+                # A literal, not data: ``dr.freeze`` tells by it that what it recorded does not hold for other values.
+                value *= 0
+            else:
+                # Opaque: data of the compiled function, not part of its code, so materials can share it.
+                dr.make_opaque(value)
+        self.inside = {name: held(self._parameters[name], dr.detach(v)) for name, v in self.values.items()}
+        dr.make_opaque({name: v for name, v in self.inside.items() if name not in left_out})
+        if mi.is_spectral:
+            self.spectra = {name: _upsample(self.inside[name]) for name in self._colours if name in self.values}
+
+    def constants(self) -> dict:
+        """Return the parameters that are the same everywhere, with RGB colours, held in range."""
+        result = {}
+        for name, value in self.values.items():
+            v = value if dr.grad_enabled(value) else self.inside[name]
+            if name == "latent":  # apart before anything else: within a symbolic call lanes of their own are gathered
+                v = [dr.gather(mi.Float, v, k) for k in range(len(v))]
+            result[name] = held(self._parameters[name], v) if dr.grad_enabled(value) else v
+        return result
+
+    def at(self, si: mi.SurfaceInteraction3f, active) -> dict:
+        """Return all parameters at a hit point, with RGB colours, held in range: roughness 0 would give NaN."""
+        params = self.constants()
+        for name, texture in self.textures.items():
+            if name == "latent":
+                value = texture.numbers(si, active)
+            else:
+                value = _rgb(texture, si, active) if name in self._colours else texture.eval_1(si, active)
+            params[name] = held(self._parameters[name], value)
+        return params
+
+    def spectral(self, params: Mapping, si: mi.SurfaceInteraction3f, active) -> Mapping:
+        """Return the parameters of :meth:`at` with colours in the representation of the variant."""
+        if mi.is_rgb:
+            return params
+        colours = {}
+        for name in params.keys() & set(self._colours):
+            if name in self.textures:
+                colours[name] = held(self._parameters[name], self.textures[name].eval(si, active))
+            elif mi.is_monochromatic:
+                colours[name] = mi.Color1f(mi.luminance(params[name]))
+            else:
+                texture, scale = self.spectra[name]
+                colours[name] = texture.eval(si, active) * scale
+        return {**params, **colours}
+
+    def with_gradients(self, params: Mapping) -> Iterator[mi.Float]:
+        """Yield a number of each of the parameters of :meth:`at` that have gradients: the sum of its own."""
+        for name, v in params.items():
+            if name not in self.spectra and dr.grad_enabled(v):
+                yield sum(v) if isinstance(v, (list, mi.Color3f)) else v
+
+
+def material_of(props: mi.Properties) -> Material:
+    """Return the material of a file, or of the arrays of ``Material.to_dict()``."""
+    if "filename" in props:
+        if "weights" in props:
+            raise ValueError('bsdf "enhanced": give filename or weights, not both.')
+        return Material.load(str(mi.file_resolver().resolve(props["filename"])))
+    if "description" not in props:
+        raise ValueError('bsdf "enhanced": the parameter "filename" is missing. Name a file made by mi-enhance fit.')
+    return Material.from_arrays(props["description"], props["params"], props["weights"])
+
+
+def evaluators_of(props: mi.Properties) -> type:
+    """Return the class that evaluates the networks: asked for, or the faster one of the backend."""
+    kinds = {"baked": baked.Baked, "cooperative": cooperative.Cooperative}
+    default = "cooperative" if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else "baked"
+    return kinds[_choice(props, "evaluators", default, kinds)]
+
+
+def _maps(props: mi.Properties, material: Material) -> dict[str, mi.Texture]:
+    """Textures of the parameters that vary: from a file, or from the arrays of ``MaterialMaps.to_dict()``."""
+    if "maps" not in props:
+        return {}
+    if not mi.is_rgb:
+        raise ValueError(
+            f'bsdf "enhanced": maps hold linear RGB, which variant "{mi.variant()}" does not render. Use an rgb one.'
+        )
+    filter_type = _choice(props, "filter_type", "bilinear", _FILTERS)
+    wrap_mode = _choice(props, "wrap_mode", "repeat", _WRAPS)
+    # in the precision of a bitmap's own, which `mi.traverse` can assign to
+    to_uv = mi.ScalarTransform3f(props.get("to_uv", mi.ScalarTransform4f()).extract().matrix)
+    if isinstance(props["maps"], str):
+        maps = MaterialMaps.load(str(mi.file_resolver().resolve(props["maps"])), material)
+    else:
+        maps = MaterialMaps.from_arrays(material, props["channels"], np.array(props["maps"]))
+    result = {}
+    for name, values in maps.maps.items():
+        data = mi.TensorXf(values)
+        if name == "latent":
+            result[name] = LatentMap(data, filter_type, wrap_mode, to_uv)
+        else:
+            how = {"filter_type": filter_type, "wrap_mode": wrap_mode, "to_uv": to_uv}
+            result[name] = mi.load_dict({"type": "bitmap", "data": data, "raw": True, **how})
+    return result
+
+
+def _choice(props: mi.Properties, key: str, default: str, choices: Collection[str]) -> str:
+    """Return the property `key`, one of `choices`."""
+    name = props.get(key, default)
+    if name not in choices:
+        raise ValueError(f'bsdf "enhanced": {key} "{name}" is unknown. Choose one of: {", ".join(choices)}.')
+    return name
+
+
+def _rgb(texture: mi.Texture, si: mi.SurfaceInteraction3f, active) -> mi.Color3f:
+    """A textured colour as RGB, which is what the networks were trained on."""
+    if mi.is_rgb:
+        return mi.Color3f(texture.eval(si, active))
+    if mi.is_monochromatic:
+        return mi.Color3f(texture.eval(si, active).x)
+    at = mi.SurfaceInteraction3f(si)
+    at.wavelengths = type(si.wavelengths)(*_RGB_WAVELENGTHS, _RGB_WAVELENGTHS[1])
+    return mi.Color3f(*list(texture.eval(at, active))[:3])
+
+
+def _upsample(rgb: mi.Color3f) -> tuple[mi.Texture, float]:
+    """A colour as a texture of the active variant and a factor; Mitsuba upsamples reflectances, at most 1."""
+    value = [float(rgb[k][0]) for k in range(3)]
+    scale = max(1.0, *value)
+    texture = mi.load_dict({"type": "rgb", "value": [v / scale for v in value]})
+    return texture, scale
