@@ -21,7 +21,7 @@ class Target(NamedTuple):
     sensor: mi.Sensor
     image: mi.TensorXf  # (H, views * W, 3)
     weight: mi.TensorXf  # 1 where a pixel counts, over how many do
-    saturated: mi.TensorXb  # where the photograph is known from below only
+    saturated: mi.TensorXf  # of bool: where the photograph is known from below only
 
 
 def targets(views: Sequence[View], factor: int = 1) -> list[Target]:
