@@ -1,9 +1,11 @@
 # make demo    the main job on bundled real data, into out/demo
-# make test    the tests (make test-slow: those that take longer; make lint: style)
+# make test    the tests (make test-slow: those that take longer)
+# make lint    style, formatting, and who imports whom
+# make types   the types
 # make venv    .venv with everything, a usable LLVM included; choose the Python with  make venv PYTHON=python3.12
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
-.PHONY: venv demo test test-slow lint
+.PHONY: venv demo test test-slow lint types
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -19,14 +21,17 @@ $(STAMP): pyproject.toml
 	    echo "$(PYTHON) cannot create virtual environments. Run: apt install python3-venv" >&2; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@echo "Installing mi_enhance and what it needs into .venv; this takes a minute or two."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	@touch $@
 
 demo: venv
 	$(BIN)/mi-enhance demo -o out/demo
 
+# Two processes, each a file at a time, with about 2.5 GB each; more with  make test WORKERS=4
+WORKERS ?= 2
+
 test: venv
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(WORKERS)
 
 test-slow: venv
 	$(BIN)/python -m pytest -m slow
@@ -34,3 +39,7 @@ test-slow: venv
 lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
+
+types: venv
+	$(BIN)/mypy

@@ -1,7 +1,7 @@
 """Neural enhancement of analytical BRDFs for Mitsuba 3.
 
-Importing this package finds an LLVM that Dr.Jit can use (`system/llvm.py`; import it before ``mitsuba`` or ``drjit``) and
-registers the plugin ``{"type": "enhanced"}`` for every variant. Everything else is loaded when first used.
+Importing this package finds an LLVM that Dr.Jit can use (`system/llvm.py`; import it before ``mitsuba`` or ``drjit``)
+and registers the plugin ``{"type": "enhanced"}`` for every variant. Everything else is loaded when first used.
 
 Examples
 --------
@@ -18,6 +18,7 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+from . import _moved
 from .system import llvm
 
 __version__ = "0.1.0"
@@ -60,6 +61,8 @@ def __getattr__(name: str):
         return importlib.import_module(f"{__name__}.{_MODULES[name]}")
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
+    if name in _moved.NAMES:
+        return _moved.lookup("", name)  # with a warning
     raise AttributeError(f'mi_enhance has no "{name}". Public names: {", ".join(__all__)}.')
 
 
@@ -72,6 +75,7 @@ def _is_command_line() -> bool:
     return "mi-enhance" in (Path(a).stem for a in sys.argv[:1]) or ("-m", __name__) in pairwise(sys.orig_argv)
 
 
+_moved.install()
 try:
     llvm.found = llvm.prepare()
 except ImportError as error:

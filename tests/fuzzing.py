@@ -13,7 +13,7 @@ import numpy as np
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import data, models
-from mi_enhance.data import merl, nps
+from mi_enhance.data import directions, merl, nps
 from mi_enhance.hypercube import inheritance
 from mi_enhance.material.material import Material
 from mi_enhance.material.material_maps import MaterialMaps
@@ -121,7 +121,7 @@ def _damaged_bytes(content: bytes, rng: np.random.Generator) -> bytes:
 
 def _table() -> data.Measurements:
     rng = np.random.default_rng(0)
-    wi, wo = data.sampling.sample_pairs(30, seed=1)
+    wi, wo = directions.sample_pairs(30, seed=1)
     return data.Measurements(wi, wo, rng.random((30, 3)))
 
 

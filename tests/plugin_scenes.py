@@ -16,11 +16,14 @@ VALUES = {
 }  # fmt: skip
 ROUNDING = 2e-5  # relative: float32, and sums in another order where a texture is in the way
 SUMMATION = 1e-5  # relative: threads add the samples of a pixel in any order
+SIGNIFICANCE = 0.01  # of all chi-square tests together: the Sidak correction asks the more of each, the more there are
+NOISE = 0.01  # of a mean of 3e5 weights
+QUADRATURE = 0.005  # of 250,000 stratified directions
 
 
 def material(**values) -> Material:
-    """The paper's state with Xavier weights: nothing about the plugin depends on how good the networks are."""
-    return Material(enhance("ggx", seed=1), {**VALUES, **values})
+    """The paper's state, small: nothing about the plugin depends on how good the networks are, or how large."""
+    return Material(enhance("ggx", hidden=(6, 6), seed=1), {**VALUES, **values})
 
 
 def analytic(**values) -> Material:
@@ -105,3 +108,25 @@ def render_attached(material):
         dr.enable_grad(p[key])
     p.update()
     return mi.render(s, p, spp=16), p, keys
+
+
+def view(degrees, azimuth=0.5) -> list[float]:
+    """Unit vector at that polar angle."""
+    theta = np.deg2rad(degrees)
+    return [float(np.sin(theta) * np.cos(azimuth)), float(np.sin(theta) * np.sin(azimuth)), float(np.cos(theta))]
+
+
+def cells(n_z, n_phi, inside):
+    """Midpoints (n_z * n_phi * inside^2, 3) of cells of equal solid angle, those of one cell in a row."""
+    z = (np.arange(n_z * inside) + 0.5) / (n_z * inside)
+    phi = (np.arange(n_phi * inside) + 0.5) / (n_phi * inside) * 2 * np.pi
+    z, phi = (v.reshape(n_z, inside, n_phi, inside).swapaxes(1, 2).ravel() for v in np.meshgrid(z, phi, indexing="ij"))
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z], -1)
+
+
+def albedo_by_sampling(b, wi, n=300_000):
+    """Mean weight of `n` samples, (channels,)."""
+    u = [mi.Float(v) for v in np.random.default_rng(0).random((3, n)).astype(np.float32)]
+    _, weight = b.sample(mi.BSDFContext(), hit(np.tile(wi, (n, 1))), u[0], mi.Point2f(u[1], u[2]))
+    return np.array(dr.mean(weight, axis=1)).ravel()

@@ -27,6 +27,7 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
 
 
+@pytest.mark.slow
 def test_readme_python_runs(llvm, tmp_path, monkeypatch):
     """All Python of the README, in order, where its data file lies under the name it uses."""
     code = blocks("python")
@@ -67,6 +68,7 @@ def test_links_and_pictures_exist(page):
     assert not missing, f"{page.name} names files that do not exist: {missing}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda p: p.stem)
 def test_notebook_runs_and_is_tidy(path, llvm):
     import nbformat

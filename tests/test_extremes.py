@@ -32,8 +32,8 @@ MAGNIFIED = {
 }
 OVER_ROUNDING = 8  # error over what half a unit in the last place of the inputs changes; 4 tries find most of it
 
-MATERIALS = ["[ggx2]", "[paper]", "own features, random", *sorted(models.MODELS)]
-SLOW = ["[ggx2_small]", "[ggx]", "[ward]", "[cook_torrance]"]
+MATERIALS = ["own features, random", *sorted(models.MODELS)]
+SLOW = ["[paper]", "[ggx2]", "[ggx2_small]", "[ggx]", "[ward]", "[cook_torrance]"]
 SATURATED = "[S] [D] [F] [G] [1/E] saturated"
 
 
@@ -58,7 +58,7 @@ def test_values_and_gradients_are_the_twins(llvm, materials, name):
         assert len(e.gradient) > 2, case
 
 
-@pytest.mark.parametrize("name", [SATURATED, "[paper]", "ashikhmin_shirley"])
+@pytest.mark.parametrize("name", [pytest.param(SATURATED, marks=pytest.mark.slow), "ashikhmin_shirley"])
 def test_nothing_is_infinite_or_negative(llvm, materials, name):
     brdf, n = materials[name].brdf, 20_000
     evaluators, largest = lanes.fused(brdf), 0
@@ -134,7 +134,7 @@ def vector(cos, phi):
 
 
 @pytest.mark.parametrize("name", sorted(models.MODELS))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20)
 @given(data=st.data())
 def test_any_material_and_any_pair_give_a_reflectance(name, data):
     """Finite, not negative, the same both ways, 0 below the horizon, with finite derivatives; one lane an example."""

@@ -4,26 +4,45 @@ from __future__ import annotations
 
 import argparse
 
-from .arguments import _set_variant
+from . import arguments
+from .bridge import call
+from .outputs import output_folder
+from .progress_bar import progress_bar
 
 
-def bench(args: argparse.Namespace) -> dict:
-    _set_variant(args.variant)
+def add(subparsers: arguments.Subparsers) -> None:
+    text = "error against run time of every model on this machine, as table, plot and HTML page"
+    p = arguments.command(subparsers, "bench", text, run)
+    p.add_argument("data", metavar="DATA", nargs="*", help="RGL .bsdf (default: the one of the demo)")
+    arguments.add_model(p)
+    arguments.add_samples(p)
+    arguments.add_variant(p)
+    arguments.add_output_folder(p, "bench")
+    p.add_argument("--resolution", type=arguments.positive, default=256, help="pixels on a side (default: %(default)s)")
+    p.add_argument("--spp", type=arguments.positive, default=64, help="samples per pixel (default: %(default)s)")
+    p.add_argument("--rounds", type=arguments.positive, default=5, help="interleaved runs (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> dict:
+    folder = output_folder(args.output)
+    arguments.set_variant(args.variant)
     from ..benchmark.benchmark import COLUMNS, bench
     from ..benchmark.growth import GROWTH_COLUMNS
     from ..output.table import print_table
     from ..system.bundled_files import demo_data
 
-    result = bench(
-        args.data or [demo_data("satin_rosaline_rgb.bsdf")],
-        args.output,
-        resolution=args.resolution,
-        spp=args.spp,
-        rounds=args.rounds,
-        samples=args.samples,
-        seed=args.seed,
-        log=(lambda _: None) if args.json else print,
-    )
+    with progress_bar("bench", quiet=args.json) as progress:
+        result = call(
+            bench,
+            args.data or [demo_data("satin_rosaline_rgb.bsdf")],
+            folder,
+            resolution=args.resolution,
+            spp=args.spp,
+            rounds=args.rounds,
+            samples=args.samples,
+            seed=args.seed,
+            progress=progress,
+        )
     print_table(result["rows"], COLUMNS, title=", ".join(result["materials"]))
     print_table(result["growth"], GROWTH_COLUMNS, title="how the time of a frame grows")
     print(f"{result['files']['html']}\n" + ", ".join(f"{k} {v}" for k, v in result["machine"].items()))

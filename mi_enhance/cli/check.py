@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import argparse
 
-from .arguments import _set_variant
+from . import arguments
+from .bridge import call
+from .outputs import output_folder
+from .progress_bar import progress_bar
 
 
-def check(args: argparse.Namespace) -> dict:
-    _set_variant(args.variant)
-    from tqdm import tqdm
+def add(subparsers: arguments.Subparsers) -> None:
+    text = "examine a material: NaN, negative values, reciprocity, albedo, chi-square; exit 1 if off"
+    p = arguments.command(subparsers, "check", text, run)
+    p.add_argument("file", metavar="MAT.bsdf")
+    arguments.add_seed(p)
+    arguments.add_variant(p)
+    p.add_argument("-o", "--output", metavar="DIR", help="folder for the table and a picture (default: print only)")
 
+
+def run(args: argparse.Namespace) -> dict:
+    folder = output_folder(args.output) if args.output else None
+    arguments.set_variant(args.variant)
     from ..evaluation.check import COLUMNS, check
     from ..material.material import Material
     from ..output.table import print_table
 
     material = Material.load(args.file)
-    with tqdm(desc="check", unit=" parts", disable=args.json, leave=False) as bar:
-
-        def progress(part):
-            bar.update()
-            bar.set_postfix_str(part)
-
-        result = check(material, args.output, seed=args.seed, callback=progress)
+    with progress_bar("check", quiet=args.json) as progress:
+        result = call(check, material, folder, seed=args.seed, progress=progress)
     print_table(result["rows"], COLUMNS, title=args.file)
     print("\n".join([*result["files"].values(), "all as it should be" if result["ok"] else "something is off"]))
     return result

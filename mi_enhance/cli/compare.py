@@ -4,25 +4,46 @@ from __future__ import annotations
 
 import argparse
 
-from .arguments import _network, _set_variant
+from . import arguments
+from .bridge import call
+from .outputs import output_folder
+from .progress_bar import progress_bar
 
 
-def compare(args: argparse.Namespace) -> dict:
-    _set_variant(args.variant)
+def add(subparsers: arguments.Subparsers) -> None:
+    text = "SSIM, Delta E_ITP and log-L1 of the enhanced and the analytic model, fitted to measured RGL files"
+    p = arguments.command(subparsers, "compare", text, run)
+    p.add_argument("data", metavar="DATA", nargs="+", help="RGL .bsdf")
+    arguments.add_model(p)
+    arguments.add_method(p)
+    arguments.add_samples(p)
+    arguments.add_variant(p)
+    arguments.add_output_folder(p, "compare")
+    p.add_argument("--scene", default="shader_ball", help="bundled scene or .xml file (default: %(default)s)")
+    p.add_argument("--resolution", type=arguments.positive, default=256, help="pixels on a side (default: %(default)s)")
+    p.add_argument("--spp", type=arguments.positive, default=256, help="samples per pixel (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> dict:
+    folder = output_folder(args.output)
+    arguments.set_variant(args.variant)
     from ..evaluation.compare import compare_files, default_models
     from ..output.table import print_table
 
-    result = compare_files(
-        args.data,
-        folder=args.output,
-        models=default_models(_network(args.network)),
-        method=args.method,
-        n_samples=args.samples,
-        seed=args.seed,
-        scene=args.scene,
-        resolution=args.resolution,
-        spp=args.spp,
-        log=print,
-    )
+    models = default_models(arguments.model(args.model))
+    with progress_bar("compare", quiet=args.json) as progress:
+        result = call(
+            compare_files,
+            args.data,
+            folder=folder,
+            models=models,
+            method=args.method,
+            n_samples=args.samples,
+            seed=args.seed,
+            scene=args.scene,
+            resolution=args.resolution,
+            spp=args.spp,
+            progress=progress,
+        )
     print_table(result["rows"] + result["mean"])
     return result

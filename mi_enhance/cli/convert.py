@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import argparse
 
-from .arguments import _measurements, _output, _set_variant
+from . import arguments
+from .outputs import made, output_file
 
 
-def convert(args: argparse.Namespace) -> dict:
-    output = _output(args.output, (".csv", ".npz"))
-    _set_variant(args.variant)
+def add(subparsers: arguments.Subparsers) -> None:
+    p = arguments.command(subparsers, "convert", "write measurements of any readable kind as a table", run)
+    arguments.add_measurements(p)
+    arguments.add_samples(p)
+    arguments.add_variant(p)
+    arguments.add_output_file(p, "TABLE", "the table, .csv or .npz")
+
+
+def run(args: argparse.Namespace) -> dict:
+    output = output_file(args.output, (".csv", ".npz"), [args.data])
+    arguments.set_variant(args.variant)
     from ..data.loading import save_table
 
-    measurements = _measurements(args)
-    save_table(measurements, output)
+    measurements = arguments.measurements(args)
+    save_table(measurements, made(output))
     print(f"{output}: {len(measurements.f)} samples of {measurements.name}")
     return {
         "output": str(output),

@@ -15,10 +15,25 @@ from concurrent.futures import ThreadPoolExecutor
 
 from .. import __version__
 from ..system import llvm
+from . import arguments
 
 VARIANTS = ("scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral", "cuda_ad_rgb")
 _PACKAGES = ("mitsuba", "drjit", "numpy", "OpenEXR", "colour-science", "scikit-image")
 _TIME_LIMIT = 120  # seconds; a cold compilation on a slow machine takes about 20
+
+
+def add(subparsers: arguments.Subparsers) -> None:
+    text = "tell what is installed and which variants work; exit 0 if rendering works"
+    arguments.command(subparsers, "doctor", text, run)
+
+
+def run(args: argparse.Namespace) -> dict:
+    from .doctor_table import print_report
+
+    report = examine()
+    if not args.json:
+        print_report(report)
+    return report
 
 
 def examine() -> dict:
@@ -57,28 +72,6 @@ def examine() -> dict:
         "enhanced": {"variant": best, "result": enhanced},
         "rendering_works": enhanced == "works",
     }
-
-
-def show(report: dict) -> None:
-    """Print what `examine` found."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    for name, version in report["versions"].items():
-        table.add_row(name, version)
-    llvm = report["llvm"]
-    table.add_row("LLVM", f"{llvm['version'] or 'none'}  {llvm['path']}  ({llvm['origin']})")
-    for name, result in report["variants"].items():
-        table.add_row(name, _coloured(result))
-    table.add_row(f"enhanced ({report['enhanced']['variant']})", _coloured(report["enhanced"]["result"]))
-    console = Console()
-    console.print(table)
-    if llvm["problem"]:
-        console.print(llvm["problem"], style="red", markup=False)
-    console.print("Rendering works." if report["rendering_works"] else "Rendering does not work.", style="bold")
 
 
 def try_variant(variant: str, bsdf: str) -> None:
@@ -142,16 +135,3 @@ def _installed(name: str) -> str:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return "not installed"
-
-
-def _coloured(result: str):
-    from rich.text import Text
-
-    return Text(result, style="green" if result == "works" else "yellow")
-
-
-def doctor(args: argparse.Namespace) -> dict:
-    report = examine()
-    if not args.json:
-        show(report)
-    return report

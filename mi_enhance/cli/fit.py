@@ -4,32 +4,45 @@ from __future__ import annotations
 
 import argparse
 
-from .arguments import _measurements, _network, _output, _set_variant
+from . import arguments
+from .bridge import call
+from .outputs import made, output_file
+from .progress_bar import progress_bar
 
 
-def fit(args: argparse.Namespace) -> dict:
-    output = _output(args.output, (".bsdf",))
-    _set_variant(args.variant)
-    from tqdm import tqdm
+def add(subparsers: arguments.Subparsers) -> None:
+    p = arguments.command(subparsers, "fit", "fit a material to measurements", run)
+    arguments.add_measurements(p)
+    arguments.add_model(p)
+    arguments.add_method(p)
+    arguments.add_samples(p)
+    arguments.add_variant(p)
+    arguments.add_output_file(p, "MAT.bsdf", "the material")
+    p.add_argument("--reciprocal", action="store_true", help="f(wi, wo) = f(wo, wi), even where the file is not")
+    p.add_argument(
+        "--bound-energy", action="store_true", help="reflect no more than is received, for every view and edit"
+    )
+    # its name in version 0.1
+    p.add_argument("--energy", dest="bound_energy", action="store_true", help=argparse.SUPPRESS)
 
+
+def run(args: argparse.Namespace) -> dict:
+    output = output_file(args.output, (".bsdf",), [args.data, args.model])
+    arguments.set_variant(args.variant)
     from ..fitting.fit import fit
 
-    measurements = _measurements(args)
-    with tqdm(desc=f"fit {measurements.name}", unit=" steps", disable=args.json, leave=False) as bar:
-
-        def progress(stage, step, loss):
-            bar.update()
-            bar.set_postfix_str(f"{stage}, log-L1 {loss:.5f}")
-
-        material = fit(
-            _network(args.network),
+    model, measurements = arguments.model(args.model), arguments.measurements(args)
+    with progress_bar(f"fit {measurements.name}", quiet=args.json) as progress:
+        material = call(
+            fit,
+            model,
             measurements,
             method=args.method,
             reciprocal=args.reciprocal,
             bound_energy=args.bound_energy,
             seed=args.seed,
-            callback=progress,
+            progress=progress,
         )
-    material.save(output)
+    material.save(made(output))
     print(f"{material.show()}\n{output}")
     return {**material.report, "output": str(output)}

@@ -3,51 +3,101 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
-from .arguments import _network_path, _output, _set_variant
+from ..system.bundled_files import DEFAULT_NETWORK
+from . import arguments
+from .bridge import call
+from .outputs import made, output_file, output_folder
+from .progress_bar import progress_bar
+from .scene_file import load_scene
 
 
-def fit_images(args: argparse.Namespace) -> dict:
-    output = _output(args.output, (".bsdf",))
-    mi = _set_variant(args.variant)
-    from tqdm import tqdm
+def add(subparsers: arguments.Subparsers) -> None:
+    text = "fit the enhanced materials of a scene to photographs of it"
+    p = arguments.command(subparsers, "fit-images", text, run)
+    p.add_argument("scene", metavar="SCENE.xml", help="geometry and light; its parameter $material gets the model")
+    p.add_argument("views", metavar="VIEWS", help="folder with transforms.json, or that file (docs/images.md)")
+    arguments.add_model(
+        p, help=f"what is fitted: a .bsdf file, or the name of a shipped network (default: {DEFAULT_NETWORK})"
+    )
+    arguments.add_define(p, "scene")
+    arguments.add_seed(p)
+    arguments.add_variant(p)
+    arguments.add_output_file(p, "MAT.bsdf", "the material; several: MAT_<id>.bsdf each")
+    p.add_argument("--light-scale", action="store_true", help="the brightness of the light is unknown, too")
+    p.add_argument("--unknown", metavar="NAME", action="append", help="parameter that is sought (default: all)")
+    p.add_argument(
+        "--stage",
+        dest="stages",
+        metavar="FACTOR,SPP,STEPS",
+        type=_stage,
+        action="append",
+        help="images at 1/FACTOR of their size, samples per pixel, iterations; repeat, coarse to fine "
+        "(default: 2,8,80 and 1,16,120)",
+    )
+    p.add_argument(
+        "--max-depth", type=int, default=6, help="longest path; a photograph has them all (default: %(default)s)"
+    )
+    p.add_argument("--preview", metavar="DIR", help="folder for pictures: every few iterations, and at the end")
 
-    from ..images import fit_images as fit_images_module
-    from ..images import pictures
+
+def run(args: argparse.Namespace) -> dict:
+    model = arguments.model_path(args.model)
+    inputs = [args.scene, args.views, model]
+    output = output_file(args.output, (".bsdf",), inputs)
+    preview = output_folder(args.preview, "--preview") if args.preview else None
+    mi = arguments.set_variant(args.variant)
+    from ..images import fit_images, pictures, scene_materials
     from ..images.view_files import read_views
-    from ..system.files import require_file
 
-    file = require_file(args.scene, f'fit-images "{args.scene}"')
-    define = dict(args.define)
-    if "$material" in file.read_text(encoding="utf-8"):
-        define.setdefault("material", str(_network_path(args.network)))
-    scene, views = mi.load_file(str(file), **define), read_views(args.views)
-    with tqdm(desc=f"fit {len(views)} views", unit=" steps", disable=args.json, leave=False) as bar:
-
-        def progress(stage, step, loss):
-            bar.update()
-            bar.set_postfix_str(f"{stage}, loss {loss:.5f}")
-
-        found = fit_images_module.fit_images(
+    scene = load_scene(mi, args.scene, f'fit-images "{args.scene}"', args.define, material=model)
+    outputs = _outputs(output, scene_materials.find(mi.traverse(scene)))
+    for path in outputs.values():
+        output_file(path, (".bsdf",), inputs)
+    views = read_views(args.views)
+    with progress_bar(f"fit {len(views)} views", quiet=args.json) as progress:
+        found = call(
+            fit_images.fit_images,
             scene,
             views,
             unknowns=args.unknown,
             light_scale=args.light_scale,
-            stages=args.stages or fit_images_module.STAGES,
+            stages=args.stages or fit_images.STAGES,
             max_depth=args.max_depth,
             seed=args.seed,
-            callback=progress,
-            preview=args.preview,
+            progress=progress,
+            preview=preview,
         )
-    outputs = []
     for name, material in found.materials.items():
-        outputs.append(output if len(found.materials) == 1 else output.with_stem(f"{output.stem}_{name}"))
-        material.save(outputs[-1])
-        print(f"{material.show()}\n{outputs[-1]}")
-    if args.preview:
-        pictures.draw_views(views, found.renders, Path(args.preview) / "views.png")
-        pictures.draw_convergence({output.stem: found.curve}, Path(args.preview) / "convergence.png")
+        material.save(made(outputs[name]))
+        print(f"{material.show()}\n{outputs[name]}")
+    if preview:
+        pictures.draw_views(views, found.renders, preview / "views.png")
+        pictures.draw_convergence({output.stem: found.curve}, preview / "convergence.png")
     for row in found.report["views"]:
         print(f"{row['name']} ({row['split']}): mean abs log difference {row['mean_abs_log']:.4f}")
-    return {**found.report, "curve": found.curve, "outputs": [str(path) for path in outputs]}
+    return {**found.report, "curve": found.curve, "outputs": [str(outputs[name]) for name in found.materials]}
+
+
+def _outputs(output: Path, names: Iterable[str]) -> dict[str, Path]:
+    """Return the file of each material: `output` of the only one, else with its id, as far as that is a file name."""
+    names = list(names)
+    if len(names) == 1:
+        return {names[0]: output}
+    stems: dict[str, str] = {}
+    for name in names:
+        stem = re.sub(r"[^\w.-]", "_", name)  # an id may hold "/"
+        while stem in stems.values():
+            stem += "_"
+        stems[name] = stem
+    return {name: output.with_stem(f"{output.stem}_{stem}") for name, stem in stems.items()}
+
+
+def _stage(text: str) -> tuple[int, ...]:
+    numbers = tuple(arguments.positive(part) for part in text.split(","))
+    if len(numbers) != 3:
+        raise argparse.ArgumentTypeError(f"{text} is not FACTOR,SPP,STEPS")
+    return numbers

@@ -6,35 +6,51 @@ import argparse
 import contextlib
 import time
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from pathlib import Path
 
 from ..system.progress import Callback, silent
-from .arguments import _json_or_text, _output, _set_variant
+from . import arguments
+from .outputs import made, output_file, output_folder
 
 
-def search(args: argparse.Namespace) -> dict:
-    output = _output(args.output, (".bsdf",))
+def add(subparsers: arguments.Subparsers) -> None:
+    text = "find which terms of an analytic model to replace by networks, or go on where a run stopped"
+    p = arguments.command(subparsers, "search", text, run)
+    # how version 0.1 took the model, and the documentation still does
+    p.add_argument("base", nargs="?", metavar="MODEL", help="the model, as with -m")
+    arguments.add_model(p, help="analytic model: ggx, ward, ..., or a text file .toml", default=None)
+    p.add_argument(
+        "--data", action="append", default=[], required=True, metavar="FILES", help="to train on; *, ? and .json lists"
+    )
+    p.add_argument("--validation", action="append", default=[], metavar="FILES", help="materials to watch only")
+    arguments.add_define(p, "settings (epochs=10, max_modules=4; all: mi_enhance.hypercube.settings.DEFAULTS)")
+    arguments.add_variant(p)
+    arguments.add_output_file(p, "NET.bsdf", "the network; its run lies in NET.search/")
+    p.add_argument("--workers", type=arguments.positive, default=1, help="processes on this machine (default: 1)")
+    p.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers train the candidates")
+
+
+def run(args: argparse.Namespace) -> dict:
+    model = args.model or args.base
+    if model is None or (args.model and args.base):
+        raise ValueError("search: needs one model to start from. Give it as -m ggx.")
     if args.scheduler and args.workers > 1:
         raise ValueError("--workers and --scheduler exclude each other: a Dask cluster has its own workers.")
-    if "model" in dict(args.define):
-        raise ValueError("-D model: the model is the first argument of the command.")
+    settings = arguments.settings(args.define)
+    if "model" in settings:
+        raise ValueError("-D model: the model is given as -m.")
+    files = [file for names in (args.data, args.validation) for name in names for file in _files(name)]
+    output = output_file(args.output, (".bsdf",), files)
+    folder = output_folder(output.with_suffix(".search"))
     data, validation = (_sources(names) for names in (args.data, args.validation))
-    _set_variant(args.variant)
+    arguments.set_variant(args.variant)
     from ..hypercube.search import search
 
-    folder = output.with_suffix(".search")
     start = time.perf_counter()
-    with _executor(args) as executor, _table(folder, args.json) as tell:
-        found = search(
-            args.model,
-            data,
-            folder,
-            validation=validation,
-            executor=executor,
-            progress=tell,
-            **{key: _json_or_text(value) for key, value in args.define},
-        )
-    found.material.save(output)
+    with _executor(args) as executor, _table(folder, args.json) as progress:
+        found = search(model, data, folder, validation=validation, executor=executor, progress=progress, **settings)
+    found.material.save(made(output))
     print(f"{found.material.brdf}\n{output}\n{folder / 'search.png'}")
     return {
         "output": str(output),
@@ -45,20 +61,21 @@ def search(args: argparse.Namespace) -> dict:
     }
 
 
-def _sources(names: list[str]) -> list[dict]:
-    """Sources of all materials in the files that `names` stand for."""
+def _files(name: str) -> list[str]:
+    """Return the files that a name or pattern stands for."""
     import glob
 
+    files = sorted(glob.glob(name)) if glob.has_magic(name) else [name]
+    if not files:
+        raise ValueError(f'search: no file matches "{name}". Check the pattern.')
+    return files
+
+
+def _sources(names: list[str]) -> list[dict]:
+    """Return the sources of all materials in the files that `names` stand for."""
     from ..training.sources import sources_of
 
-    sources = []
-    for name in names:
-        files = sorted(glob.glob(name)) if glob.has_magic(name) else [name]
-        if not files:
-            raise ValueError(f'search: no file matches "{name}". Check the pattern.')
-        for file in files:
-            sources += sources_of(file)
-    return sources
+    return [source for name in names for file in _files(name) for source in sources_of(file)]
 
 
 @contextlib.contextmanager
@@ -66,13 +83,13 @@ def _table(folder: Path, quiet: bool) -> Iterator[Callback]:
     """Draw the live table of a search, or nothing."""
     from .live_table import LiveTable
 
-    with contextlib.nullcontext(silent) if quiet else LiveTable(folder) as tell:
-        yield tell
+    with contextlib.nullcontext(silent) if quiet else LiveTable(folder) as progress:
+        yield progress
 
 
 @contextlib.contextmanager
-def _executor(args: argparse.Namespace):
-    """What trains the candidates: this process (None), processes of this machine, or a Dask cluster."""
+def _executor(args: argparse.Namespace) -> Iterator[Executor | None]:
+    """Yield who trains the candidates: this process (None), processes of this machine, or a Dask cluster."""
     if args.scheduler:
         try:
             from distributed import Client

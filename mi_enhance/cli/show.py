@@ -4,19 +4,39 @@ from __future__ import annotations
 
 import argparse
 
-from .arguments import _output, _set_variant
+from . import arguments
+from .outputs import made, output_file
 
 
-def show(args: argparse.Namespace) -> dict:
-    output = _output(args.output, (".bsdf",)) if args.output else None
-    _set_variant(args.variant)
+def add(subparsers: arguments.Subparsers) -> None:
+    p = arguments.command(subparsers, "show", "print a material", run)
+    p.add_argument("file", metavar="MAT.bsdf")
+    p.add_argument(
+        "--set", dest="edits", type=_edit, action="append", default=[], metavar="NAME=V[,V,V]", help="edit a parameter"
+    )
+    arguments.add_variant(p)
+    arguments.add_output_file(p, "NEW.bsdf", "write the edited material (default: print only)", required=False)
+
+
+def run(args: argparse.Namespace) -> dict:
+    output = output_file(args.output, (".bsdf",), [args.file]) if args.output else None
+    arguments.set_variant(args.variant)
     from ..material.material import Material
 
     material = Material.load(args.file)
     if args.edits:
         material = material.edit(**dict(args.edits))
     if output:
-        material.save(output)
+        material.save(made(output))
     text = material.show()
     print(text)
     return {"text": text, "output": str(output) if output else None}
+
+
+def _edit(text: str) -> tuple[str, float | tuple[float, ...]]:
+    name, value = arguments.pair(text)
+    try:
+        numbers = tuple(float(v) for v in value.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'"{text}": the values must be numbers, as in rho_d=0.2,0.1,0.0') from None
+    return name, numbers if len(numbers) > 1 else numbers[0]

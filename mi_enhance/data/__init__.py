@@ -1,10 +1,11 @@
 """Measured reflectance in, one record out: `load` finds the reader, `Measurements` is what every fit takes.
 
-One reader per file beside this one; each turns "light" and "view" of its source into `wo` and `wi` (the conventions are
-on top of ``analytic/geometry.py``) and draws its pairs of directions as section 6 of the paper does (``directions.py``).
+One reader per file beside this one; ``registry.py`` says how to add another. Each turns "light" and "view" of its
+source into `wo` and `wi` (the conventions are on top of ``analytic/geometry.py``) and draws its pairs of directions as
+section 6 of the paper does (``directions.py``).
 """
 
-from .loading import KINDS, load, names, save_table
+from .loading import load, names, save_table
 from .measurements import Measurements, clamp_negative
 
-__all__ = ["KINDS", "Measurements", "clamp_negative", "load", "names", "save_table"]
+__all__ = ["Measurements", "clamp_negative", "load", "names", "save_table"]

@@ -7,18 +7,27 @@ archives keep angles of light and view in degrees, in the order (theta_l, phi_l,
 from __future__ import annotations
 
 import zipfile
+from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from ..output.srgb import _linear
 from ..system.files import require_file
+from ..system.progress import Callback, Progress, silent
+from .directions import MIN_COS
 
-_MIN_COS = 0.01  # as for all sources: beyond, f is mostly noise
 
-
-def read(path, *, rows, columns, n_samples=256, cosine=True, seed=0, progress=True):
-    """Texels of a window of a BTF, as :func:`mi_enhance.fitting.fit_texels.fit_texels` takes them.
+def read(
+    path: str | Path,
+    *,
+    rows: tuple[int, int],
+    columns: tuple[int, int],
+    n_samples: int = 256,
+    cosine: bool = True,
+    seed: int = 0,
+    progress: Callback = silent,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Read texels of a window of a BTF, as :func:`mi_enhance.fitting.fit_texels.fit_texels` takes them.
 
     Parameters
     ----------
@@ -32,8 +41,8 @@ def read(path, *, rows, columns, n_samples=256, cosine=True, seed=0, progress=Tr
         The pictures hold reflectance times the cosine of the light, as photographs of a lit sample do.
     seed : int
         Of the choice of pairs.
-    progress : bool
-        Show a bar.
+    progress : callable, optional
+        ``progress(Progress)`` after every picture.
 
     Returns
     -------
@@ -55,32 +64,30 @@ def read(path, *, rows, columns, n_samples=256, cosine=True, seed=0, progress=Tr
     >>> wi, wo, f = read("UBO_CORDUROY256.zip", rows=(0, 64), columns=(0, 64))  # doctest: +SKIP
     """
     where = f'data.btf.read("{path}")'
-    path = require_file(path, where)
-    archive = _open(path, where)
+    archive = _open(require_file(path, where), where)
     pairs = sorted(archive.angles_set)
     angles = np.array(pairs, np.float64).reshape(-1, 4)
     theta_l, phi_l, theta_v, phi_v = np.deg2rad(angles.T)
-    above = np.flatnonzero(np.minimum(np.cos(theta_l), np.cos(theta_v)) >= _MIN_COS)
+    above = np.flatnonzero(np.minimum(np.cos(theta_l), np.cos(theta_v)) >= MIN_COS)
     if not len(above):
         raise ValueError(f"{where}: none of its {len(angles)} pairs of directions is above the horizon.")
     chosen = np.sort(np.random.default_rng(seed).permutation(above)[:n_samples])
     wi, wo = _directions(theta_v[chosen], phi_v[chosen]), _directions(theta_l[chosen], phi_l[chosen])
-    f = None
-    for k, at in enumerate(tqdm(chosen, desc="pictures", disable=not progress, leave=False)):
+    _check_window(rows, columns, archive.angles_to_image(*pairs[chosen[0]]).shape, where)
+    f = np.empty((rows[1] - rows[0], columns[1] - columns[0], len(chosen), 3), np.float32)
+    for k, at in enumerate(chosen):
         picture = archive.angles_to_image(*pairs[at])
-        if f is None:
-            _check_window(rows, columns, picture.shape, where)
-            f = np.empty((rows[1] - rows[0], columns[1] - columns[0], len(chosen), 3), np.float32)
+        progress(Progress("pictures", k + 1, len(chosen)))
         f[:, :, k] = _linear(picture[rows[0] : rows[1], columns[0] : columns[1], ::-1])
     if not np.isfinite(f).all():
         raise ValueError(f"{where}: holds NaN or infinity. The file is damaged; download it again.")
     return wi, wo, np.maximum(f, 0) / (np.float32(np.pi) * (wo[:, 2:] if cosine else 1))
 
 
-def _open(path, where):
-    """The reader of the package for the kind of the file."""
+def _open(path: Path, where: str):
+    """Return the reader of the package for the kind of the file."""
     try:
-        import btf_extractor
+        import btf_extractor  # type: ignore[import-not-found]
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             f"{where}: needs the package btf-extractor ({error}). Install it: pip install 'mi-enhance[btf]'; it is "
@@ -100,11 +107,11 @@ def _open(path, where):
         raise ValueError(f"{where}: btf-extractor cannot read this file ({error}).") from error
 
 
-def _directions(theta, phi):
+def _directions(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1).astype(np.float32)
 
 
-def _check_window(rows, columns, shape, where):
+def _check_window(rows: tuple[int, int], columns: tuple[int, int], shape: tuple[int, ...], where: str) -> None:
     for name, (first, end), size in (("rows", rows, shape[0]), ("columns", columns, shape[1])):
         if not 0 <= first < end <= size:
             raise ValueError(f"{where}: {name} {first} to {end} do not lie within the {size} there are.")

@@ -6,14 +6,20 @@ Half vector h = normalize(wi + wo) with polar angles (theta_h, phi_h); differenc
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
 
-_MIN_COS = 0.01  # 89.4 degrees: beyond, measured data are extrapolated and f = eval / cos is mostly noise
+import numpy as np
+from numpy.typing import ArrayLike
+
+MIN_COS = 0.01  # the horizon, 89.4 degrees: beyond, measured data are extrapolated and f = eval / cos is mostly noise
+UNIT_TOLERANCE = 1e-3  # directions may be off unit length by this much: float32 and short decimals, not mistakes
 _BLOCK = 1 << 20  # pairs drawn at a time: 30 MB of random numbers
 
 
-def rusinkiewicz_to_directions(theta_h, phi_h, theta_d, phi_d):
-    """Directions of viewer and light from half and difference angles.
+def rusinkiewicz_to_directions(
+    theta_h: ArrayLike, phi_h: ArrayLike, theta_d: ArrayLike, phi_d: ArrayLike
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the directions of viewer and light from half and difference angles.
 
     Parameters
     ----------
@@ -38,15 +44,15 @@ def rusinkiewicz_to_directions(theta_h, phi_h, theta_d, phi_d):
     ch, sh, cp, sp = np.cos(theta_h), np.sin(theta_h), np.cos(phi_h), np.sin(phi_h)
     x, y, z = np.sin(theta_d) * np.cos(phi_d), np.sin(theta_d) * np.sin(phi_d), np.cos(theta_d)
 
-    def to_surface(x, y):
+    def to_surface(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         u, w = ch * x + sh * z, -sh * x + ch * z  # by theta_h about y, then by phi_h about z
         return np.stack(np.broadcast_arrays(cp * u - sp * y, sp * u + cp * y, w), axis=-1)
 
     return to_surface(-x, -y), to_surface(x, y)
 
 
-def half_difference(wi, wo):
-    """Polar angles of the half vector and the difference vector itself.
+def half_difference(wi: ArrayLike, wo: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the polar angles of the half vector and the difference vector itself.
 
     Swapping wi and wo changes nothing but the sign of d_x and d_y, to the last bit.
 
@@ -72,8 +78,8 @@ def half_difference(wi, wo):
     return theta_h, phi_h, np.stack((ch * u - sh * e[..., 2], y, length / 2), axis=-1)
 
 
-def directions_to_rusinkiewicz(wi, wo):
-    """Half and difference angles of a pair of directions; the inverse of `rusinkiewicz_to_directions`.
+def directions_to_rusinkiewicz(wi: ArrayLike, wo: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the half and difference angles of a pair of directions; the inverse of `rusinkiewicz_to_directions`.
 
     Parameters
     ----------
@@ -96,13 +102,19 @@ def directions_to_rusinkiewicz(wi, wo):
     return theta_h, _positive(phi_h), theta_d, _positive(np.arctan2(d[..., 1], d[..., 0]))
 
 
-def _positive(phi):
-    """Angle in [0, 2 pi); the second step is for -1e-17 + 2 pi, which rounds to 2 pi itself."""
+def _positive(phi: np.ndarray) -> np.ndarray:
+    """Return the angle in [0, 2 pi); the second step is for -1e-17 + 2 pi, which rounds to 2 pi itself."""
     phi = np.mod(phi, 2 * np.pi)
     return np.where(phi >= 2 * np.pi, 0.0, phi)
 
 
-def sample_pairs(n, *, seed=0, min_cos=_MIN_COS, accept=None):
+def sample_pairs(
+    n: int,
+    *,
+    seed: int | np.random.Generator = 0,
+    min_cos: float = MIN_COS,
+    accept: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """Draw pairs of directions, uniform in the four Rusinkiewicz angles, both above the horizon.
 
     Parameters
@@ -153,11 +165,12 @@ def sample_pairs(n, *, seed=0, min_cos=_MIN_COS, accept=None):
             wi, wo = wi[inside], wo[inside]
         pairs.append((wi, wo))
         found, drawn = found + len(wi), drawn + m
-    return tuple(np.concatenate(w)[:n] for w in zip(*pairs, strict=True))
+    wi, wo = (np.concatenate(w)[:n] for w in zip(*pairs, strict=True))
+    return wi, wo
 
 
-def cosine_hemisphere(n):
-    """`n` evenly spread directions, density cos / pi: a mean over them times pi is an albedo.
+def cosine_hemisphere(n: int) -> np.ndarray:
+    """Return `n` evenly spread directions, density cos / pi: a mean over them times pi is an albedo.
 
     Examples
     --------

@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
-import difflib
-import importlib
 import zipfile
+from pathlib import Path
 
-import numpy as np
-
-from ..system import files, npz, tensor_file
-
-# what `kind=` accepts; each is a module of this package with a function `read`
-KINDS = ("rgl", "merl", "nbrdf", "nps", "table")
-
-
-_COLLECTIONS = ("nbrdf", "nps")  # the kinds whose files hold many materials
+from ..system import files, npz
+from ..system.checks import positive_int
+from ..system.messages import did_you_mean
+from .measurements import Measurements
+from .registry import Reader, readers
 
 
-def load(path, *, n_samples=100_000, seed=0, material=None, kind=None):
+def load(
+    path: str | Path,
+    *,
+    n_samples: int = 100_000,
+    seed: int = 0,
+    material: str | None = None,
+    kind: str | None = None,
+) -> Measurements:
     """Read a measured material of any supported kind.
 
     Parameters
     ----------
     path : str or Path
-        RGL ``.bsdf`` (RGB version), MERL ``.binary``, NBRDF or NPs ``.npz``, or a table ``.csv`` / ``.npz``.
+        RGL ``.bsdf`` (RGB version), MERL ``.binary``, NBRDF or NPs ``.npz``, or a table: text or ``.npz``.
     n_samples : int
         Pairs of directions to draw (paper: 1e5), uniform in the Rusinkiewicz angles. A table gives its own pairs:
         all of them, or `n_samples` rows drawn without replacement where it has more (`source` says so).
     seed : int
         The same seed gives the same samples.
     material : str, optional
-        Which one, for a file with several (see `names`).
+        Name of the material, for a file with several (see `names`).
     kind : {"rgl", "merl", "nbrdf", "nps", "table"}, optional
         The reader, where content and suffix should not decide.
 
@@ -58,24 +60,24 @@ def load(path, *, n_samples=100_000, seed=0, material=None, kind=None):
     ('blue-acrylic', 1000)
     """
     where = f'data.load("{path}")'
-    path = files.require_file(path, where)
-    if isinstance(n_samples, bool) or not isinstance(n_samples, (int, np.integer)) or n_samples < 1:
-        raise ValueError(f"{where}: n_samples is {n_samples!r}; it must be a whole number >= 1.")
-    kind = _kind(path, where) if kind is None else kind
-    if kind not in KINDS:
-        raise ValueError(f"{where}: kind is {kind!r}. Choose one of: {', '.join(KINDS)}.{_did_you_mean(kind, KINDS)}")
-    reader = _reader(kind)
-    if kind not in _COLLECTIONS:
-        if material is not None:
-            raise ValueError(
-                f"{where}: this file holds one material, {material!r} was asked for. Leave out material= (--material)."
-            )
-        return reader.read(path, n_samples=n_samples, seed=seed)
-    index = _choose(reader.names(path), material, where)
-    return reader.read(path, index, n_samples=n_samples, seed=seed)
+    file = files.require_file(path, where)
+    n_samples = positive_int(n_samples, "n_samples", where)
+    if kind is not None and kind not in readers():
+        raise ValueError(
+            f"{where}: kind is {kind!r}. Choose one of: {', '.join(readers())}.{did_you_mean(kind, readers())}"
+        )
+    found = _recognized(file, where) if kind is None else readers()[kind]
+    if found.names is not None:
+        index = _choose(found.names(path), material, where)
+        return found.read(path, index, n_samples=n_samples, seed=seed)
+    if material is not None:
+        raise ValueError(
+            f"{where}: this file holds one material, {material!r} was asked for. Leave out material= (--material)."
+        )
+    return found.read(path, n_samples=n_samples, seed=seed)
 
 
-def names(path):
+def names(path: str | Path) -> list[str]:
     """List the materials in a file: all of a collection (NBRDF, NPs), else the one name taken from the file name.
 
     Examples
@@ -84,14 +86,11 @@ def names(path):
     ['bindercover', 'bluebook', 'cardboard']
     """
     where = f'data.names("{path}")'
-    path = files.require_file(path, where)
-    kind = _kind(path, where)
-    if kind in _COLLECTIONS:
-        return _reader(kind).names(path)
-    return [files.material_name(path)]
+    found = _recognized(files.require_file(path, where), where)
+    return [files.material_name(path)] if found.names is None else found.names(path)
 
 
-def save_table(measurements, path):
+def save_table(measurements: Measurements, path: str | Path) -> None:
     """Write `measurements` as a table that `load` reads back exactly; the suffix, .csv or .npz, decides the form.
 
     Examples
@@ -103,53 +102,38 @@ def save_table(measurements, path):
     table_file.write(measurements, path)
 
 
-def _reader(kind):
-    """The module that reads a kind; only RGL needs Mitsuba, so nothing else imports it."""
-    return importlib.import_module(f".{'table_file' if kind == 'table' else kind}", __package__)
-
-
-def _kind(path, where):
-    """Name the reader by content, which tells more than the suffix; the suffix helps where content says nothing."""
+def _recognized(path: Path, where: str) -> Reader:
+    """Return the reader of a file by its content, which tells more than the suffix; then by its suffix."""
     with open(path, "rb") as file:
         head = file.read(12)
     suffix = path.suffix.lower()
-    if head == tensor_file.MAGIC or suffix == ".bsdf":
-        return "rgl"  # the reader tells a measured file from a material of ours, and says so
-    if zipfile.is_zipfile(path) or suffix == ".npz":
-        return _npz_kind(path, where)
-    if suffix == ".binary" or head == np.array([90, 90, 180], "<i4").tobytes():
-        return "merl"
-    if suffix == ".csv":
-        return "table"
+    for one in readers().values():
+        if one.magic and head.startswith(one.magic):
+            return one
+    if suffix == ".npz" or zipfile.is_zipfile(path):
+        return _with_arrays(npz.keys(path, where), where)
+    for one in readers().values():
+        if suffix in one.suffixes:
+            return one
     raise ValueError(
-        f"{where}: neither content nor suffix {suffix!r} belongs to a known kind of measurement. Known: RGL "
-        ".bsdf, MERL .binary, NBRDF and NPs .npz, tables .csv and .npz. If it is one of these, name it "
-        f"with kind= ({', '.join(KINDS)})."
+        f"{where}: neither content nor suffix {suffix!r} belongs to a known kind of measurement. Known are: "
+        f"{'; '.join(r.about for r in readers().values())}. If it is one of these, name it with kind= "
+        f"({', '.join(readers())})."
     )
 
 
-def _npz_kind(path, where):
-    """Tell the three kinds of .npz apart by the arrays they hold."""
-    keys = npz.keys(path, where)
-    if {"names", "W1", "W2", "W3"} <= keys:
-        return "nbrdf"
-    if {"names", "mean"} <= keys:
-        return "nps"
-    if {"wi", "wo", "f"} <= keys:
-        return "table"
-    if {"W1", "W7"} <= keys:
-        raise ValueError(
-            f"{where}: this is the NPs decoder, which belongs to all materials. Give the file of latents "
-            "beside it, e.g. merl.npz."
-        )
-    raise ValueError(
-        f"{where}: holds the arrays {sorted(keys)[:12]}. A table needs wi, wo, f; an NBRDF file names, W1, "
-        "b1, ...; an NPs file names, mean."
-    )
+def _with_arrays(held: set[str], where: str) -> Reader:
+    """Return the reader of a .npz by the arrays it holds."""
+    kinds = [r for r in readers().values() if r.arrays]
+    for one in kinds:
+        if set(one.arrays) <= held:
+            return one
+    needed = "; ".join(f"{r.about}: {', '.join(r.arrays)}" for r in kinds)
+    raise ValueError(f"{where}: holds the arrays {', '.join(sorted(held)[:12])[:200]}. Needed are, at least, {needed}.")
 
 
-def _choose(available, material, where):
-    """Index of `material`; with no name given, the only one."""
+def _choose(available: list[str], material: str | None, where: str) -> int:
+    """Return the index of `material`; with no name given, that of the only one."""
     if material is None and len(available) == 1:
         return 0
     some = ", ".join(available[:5]) + (", ..." if len(available) > 5 else "")
@@ -161,12 +145,6 @@ def _choose(available, material, where):
     if material not in available:
         raise ValueError(
             f"{where}: no material {material!r} among {len(available)} ({some})."
-            f"{_did_you_mean(material, available)} data.names() lists all."
+            f"{did_you_mean(material, available)} data.names() lists all."
         )
     return available.index(material)
-
-
-def _did_you_mean(word, choices):
-    """A closing sentence if `word` looks like one of `choices`, else nothing."""
-    close = difflib.get_close_matches(str(word), choices, n=3)
-    return f" Did you mean {' or '.join(repr(c) for c in close)}?" if close else ""

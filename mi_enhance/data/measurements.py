@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-_UNIT_TOLERANCE = 1e-3  # directions may be off unit length by this much: float32 and short decimals, not mistakes
+from .directions import UNIT_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Measurements:
     source: str = ""
     clamped_fraction: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         with np.errstate(over="ignore"):  # a float64 beyond the float32 range becomes inf, which is refused below
             for key in ("wi", "wo", "f"):
                 object.__setattr__(self, key, np.ascontiguousarray(getattr(self, key), dtype=np.float32))
@@ -58,25 +59,25 @@ class Measurements:
         if len(self.f) == 0:
             raise ValueError(f"{where}: no sample at all; at least one is needed.")
         for key in ("wi", "wo", "f"):
-            _refuse(where, key, getattr(self, key), ~np.isfinite(getattr(self, key)).all(1), "must be finite")
+            _refuse(where, key, getattr(self, key), ~np.isfinite(getattr(self, key)).all(axis=1), "must be finite")
         for key in ("wi", "wo"):
             a = getattr(self, key)
             length_error = np.abs(np.linalg.norm(a.astype(np.float64), axis=1) - 1)
-            _refuse(where, key, a, length_error > _UNIT_TOLERANCE, "must have length 1")
+            _refuse(where, key, a, length_error > UNIT_TOLERANCE, "must have length 1")
             _refuse(where, key, a, a[:, 2] <= 0, "must be above the horizon (z > 0); leave this sample out")
-        _refuse(where, "f", self.f, (self.f < 0).any(1), "must be >= 0; clamp it and say so in clamped_fraction")
+        _refuse(where, "f", self.f, (self.f < 0).any(axis=1), "must be >= 0; clamp it and say so in clamped_fraction")
         if not 0 <= self.clamped_fraction <= 1:
             raise ValueError(f"{where}: clamped_fraction is {self.clamped_fraction}; it is a share, in [0, 1].")
 
 
-def _refuse(where, key, a, bad, rule):
+def _refuse(where: str, key: str, a: np.ndarray, bad: Any, rule: str) -> None:
     """Raise for the first sample marked in `bad`."""
     if bad.any():
         k = int(np.argmax(bad))
         raise ValueError(f"{where}: {key}[{k}] is {a[k].tolist()}; it {rule}. {int(bad.sum())} samples are like this.")
 
 
-def clamp_negative(f):
+def clamp_negative(f: np.ndarray) -> tuple[np.ndarray, float]:
     """Set negative values to 0 and return (f, share of the values that were negative); NaN and inf stay."""
     negative = (f < 0) & np.isfinite(f)
     return np.where(negative, 0, f), float(negative.mean()) if f.size else 0.0

@@ -10,12 +10,15 @@ clamped to 0 and counted.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from ..system.files import material_name, replacing, require_file
 from .directions import half_difference, rusinkiewicz_to_directions, sample_pairs
 from .measurements import Measurements, clamp_negative
+from .registry import reader
 
 _SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d; the last varies fastest
 _SCALE = np.array([1.0, 1.15, 1.66]) / 1500  # exposure of the camera's channels, from MERL's own reading code
@@ -23,7 +26,8 @@ _SIZE = 12 + 3 * 8 * 90 * 90 * 180
 _INVALID = -1.0
 
 
-def read(path, *, n_samples=100_000, seed=0):
+@reader("merl", about="MERL .binary", suffixes=(".binary",), magic=np.array(_SHAPE, "<i4").tobytes())
+def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of the measured material in `path`.
 
     Parameters
@@ -53,7 +57,7 @@ def read(path, *, n_samples=100_000, seed=0):
     """
     table = read_table(path)
 
-    def measured(wi, wo):
+    def measured(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         cell = tuple(np.floor(u + 0.5).astype(np.int64) for u in _coordinates(wi, wo))
         return ~np.isnan(table[cell[0], cell[1], cell[2] % _SHAPE[2], 0])
 
@@ -62,8 +66,8 @@ def read(path, *, n_samples=100_000, seed=0):
     return Measurements(wi, wo, f, material_name(path), f"MERL file {path}", clamped_fraction)
 
 
-def read_table(path):
-    """The whole table.
+def read_table(path: str | Path) -> np.ndarray:
+    """Read the whole table.
 
     Returns
     -------
@@ -102,7 +106,7 @@ def read_table(path):
     return table
 
 
-def lookup(table, wi, wo):
+def lookup(table: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """Interpolate a table of `read_table`.
 
     Parameters
@@ -132,7 +136,7 @@ def lookup(table, wi, wo):
         return (total / weights).astype(np.float32)
 
 
-def write_merl(path, f):
+def write_merl(path: str | Path, f: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
     """Tabulate a reflectance function into a MERL file; what reads MERL then reads this material.
 
     Parameters
@@ -164,8 +168,8 @@ def write_merl(path, f):
         raw.astype("<f8").tofile(file)
 
 
-def _coordinates(wi, wo):
-    """Index of each pair, as real numbers that are whole in the middle of a cell."""
+def _coordinates(wi: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the index of each pair, as real numbers that are whole in the middle of a cell."""
     theta_h, _, d = half_difference(wi, wo)
     theta_d = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2])
     phi_d = np.mod(np.arctan2(d[:, 1], d[:, 0]), np.pi)

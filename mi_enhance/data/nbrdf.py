@@ -1,24 +1,28 @@
-"""NBRDF `.npz`: a 6-21-21-3 network per measured isotropic material (format and decoding: mi_enhance/bundled/nbrdf/README.md)."""
+"""NBRDF `.npz`: a 6-21-21-3 network per measured isotropic material; the README in bundled/nbrdf has the format."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
 from ..system import npz
 from .directions import half_difference, sample_pairs
 from .measurements import Measurements, clamp_negative
+from .registry import reader
 
 _BLOCK = 1 << 16  # samples at a time: 6 MB per layer, which stays in the cache
 
 
-def names(path):
+def names(path: str | Path) -> list[str]:
     """List the materials in the file."""
     where = f'data.load("{path}")'
     return npz.words(npz.read(path, ["names"], where), "names", where)
 
 
-def read_networks(path):
-    """Weights of all materials.
+def read_networks(path: str | Path) -> tuple[list[str], dict[str, np.ndarray]]:
+    """Read the weights of all materials.
 
     Parameters
     ----------
@@ -43,8 +47,8 @@ def read_networks(path):
     return materials, {k: npz.numbers(arrays, k, shape, where) for k, shape in shapes.items()}
 
 
-def decode(network, wi, wo):
-    """Reflectance of one network.
+def decode(network: Mapping[str, np.ndarray], wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """Return the reflectance of one network.
 
     Parameters
     ----------
@@ -72,8 +76,8 @@ def decode(network, wi, wo):
     return np.maximum(_signed(network, wi, wo), 0)
 
 
-def _signed(network, wi, wo):
-    """As `decode`, before negative values are cut off."""
+def _signed(network: Mapping[str, np.ndarray], wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """Return what `decode` does before it cuts off negative values."""
     wi, wo = np.asarray(wi), np.asarray(wo)
     f = np.empty((len(wi), 3), np.float32)
     for k in range(0, len(wi), _BLOCK):
@@ -86,7 +90,8 @@ def _signed(network, wi, wo):
     return f
 
 
-def read(path, index, *, n_samples=100_000, seed=0):
+@reader("nbrdf", about="NBRDF .npz", arrays=("names", "W1", "W2", "W3"), names=names)
+def read(path: str | Path, index: int, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of material number `index`; see `mi_enhance.data.loading.load`."""
     materials, networks = read_networks(path)
     wi, wo = sample_pairs(n_samples, seed=seed)

@@ -1,11 +1,12 @@
-"""NPs `.npz`: seven numbers per measured isotropic material, one decoder for all (mi_enhance/bundled/nps/README.md has the format).
+"""NPs `.npz`: seven numbers per measured isotropic material, one decoder for all.
 
-The decoder (`decoder.npz`, 3 MB) lies beside the latents. Any seven numbers decode to a material: mixtures of latents
-are further training materials.
+The README in bundled/nps has the format. The decoder (`decoder.npz`, 3 MB) lies beside the latents. Any seven numbers
+decode to a material: mixtures of latents are further training materials.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +15,20 @@ from ..system import npz
 from ..system.files import require_file
 from .directions import half_difference, sample_pairs
 from .measurements import Measurements, clamp_negative
+from .registry import reader
 
 _BLOCK = 1 << 13  # samples at a time: 13 MB per layer
 _LAYERS = range(1, 8)
 _N_LATENT = 7
 
 
-def names(path):
+def names(path: str | Path) -> list[str]:
     """List the materials in the file."""
     return read_latents(path)[0]
 
 
-def read_latents(path):
-    """Names and latent vectors of all materials.
+def read_latents(path: str | Path) -> tuple[list[str], np.ndarray]:
+    """Read names and latent vectors of all materials.
 
     Parameters
     ----------
@@ -43,8 +45,8 @@ def read_latents(path):
     return materials, npz.numbers(arrays, "mean", (len(materials), _N_LATENT), where)
 
 
-def read_decoder(path):
-    """Weights of the decoder.
+def read_decoder(path: str | Path) -> dict[str, np.ndarray]:
+    """Read the weights of the decoder.
 
     Parameters
     ----------
@@ -60,14 +62,16 @@ def read_decoder(path):
     path = require_file(path, where)
     arrays = npz.read(path, [f"{k}{i}" for i in _LAYERS for k in "Wb"], where)
     sizes = [4 + _N_LATENT, *[arrays["W1"].shape[-1] if arrays["W1"].ndim else 0] * 6, 3]
-    shapes = {}
+    shapes: dict[str, tuple[int, ...]] = {}
     for i in _LAYERS:
         shapes |= {f"W{i}": (sizes[i - 1], sizes[i]), f"b{i}": (sizes[i],)}
     return {k: npz.numbers(arrays, k, shape, where) for k, shape in shapes.items()}
 
 
-def decode(decoder, latent, wi, wo, *, with_cosine=False):
-    """Reflectance of a latent vector; reciprocal to the last bit.
+def decode(
+    decoder: Mapping[str, np.ndarray], latent: np.ndarray, wi: np.ndarray, wo: np.ndarray, *, with_cosine: bool = False
+) -> np.ndarray:
+    """Return the reflectance of a latent vector; reciprocal to the last bit.
 
     Parameters
     ----------
@@ -126,7 +130,8 @@ def decode(decoder, latent, wi, wo, *, with_cosine=False):
     return f
 
 
-def read(path, index, *, n_samples=100_000, seed=0):
+@reader("nps", about="NPs .npz (the latents, with the decoder beside them)", arrays=("names", "mean"), names=names)
+def read(path: str | Path, index: int, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of material number `index`; see `mi_enhance.data.loading.load`.
 
     Raises

@@ -1,7 +1,4 @@
-"""Materials nobody measured, to train on: published forms of every term put together at random, smooth random factors.
-
-What a network learns from them is less what materials are than what directions a factor may depend on, and how.
-"""
+"""Materials nobody measured, to train on: published forms of every term at random, with smooth random factors."""
 
 from __future__ import annotations
 
@@ -9,10 +6,10 @@ import numpy as np
 
 from .directions import sample_pairs
 from .measurements import Measurements
-from .reference_brdfs import _frame
+from .reference_brdfs import frame
 
 
-def assorted(seed, n_samples=100_000):
+def assorted(seed: int, n_samples: int = 100_000) -> Measurements:
     """Draw a material from the many shapes that terms of published models take, and measure it.
 
     One to three lobes over a diffuse term. Each has one of three distributions (generalized Trowbridge-Reitz, hence GGX
@@ -45,7 +42,7 @@ def assorted(seed, n_samples=100_000):
     """
     rng = np.random.default_rng(seed)
     wi, wo = sample_pairs(n_samples, seed=rng)
-    t, b, n = _frame(np.array([0.0, 0.0, 1.0]), rng.uniform(0, np.pi))
+    t, b, n = frame(np.array([0.0, 0.0, 1.0]), rng.uniform(0, np.pi))
     i, o = (np.asarray(w, np.float64) @ np.stack((t, b, n), 1) for w in (wi, wo))
     h = i + o
     cos_d = np.linalg.norm(h, axis=1) / 2
@@ -75,8 +72,8 @@ def assorted(seed, n_samples=100_000):
     return Measurements(wi, wo, np.minimum(f, 1e4), f"assorted_{seed}", "synthetic")
 
 
-def _distribution(rng, h, alpha_x, alpha_y):
-    """Density of normals of one of three families, normalized at its peak like GGX."""
+def _distribution(rng: np.random.Generator, h: np.ndarray, alpha_x: float, alpha_y: float) -> np.ndarray:
+    """Return the density of normals of one of three families, normalized at its peak like GGX."""
     x2 = (h[:, 0] / alpha_x) ** 2 + (h[:, 1] / alpha_y) ** 2
     peak = 1 / (np.pi * alpha_x * alpha_y)
     kind = rng.integers(3)
@@ -88,7 +85,9 @@ def _distribution(rng, h, alpha_x, alpha_y):
     return peak * np.exp(-(slope2 ** rng.uniform(0.3, 0.8))) / h[:, 2] ** rng.uniform(0, 1)
 
 
-def _geometry(rng, i, o, h, cos_d, alpha):
+def _geometry(
+    rng: np.random.Generator, i: np.ndarray, o: np.ndarray, h: np.ndarray, cos_d: np.ndarray, alpha: float
+) -> np.ndarray:
     kind = rng.integers(3)
     if kind == 0:
         return np.ones(len(i))
@@ -98,8 +97,8 @@ def _geometry(rng, i, o, h, cos_d, alpha):
     return np.prod([2 * w[:, 2] / (w[:, 2] + np.sqrt(k * k + (1 - k * k) * w[:, 2] ** 2)) for w in (i, o)], axis=0)
 
 
-def _colour(rng, q):
-    """Fresnel colour (N, 3) over q = 1 - cos_theta_d."""
+def _colour(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
+    """Return the Fresnel colour (N, 3) over q = 1 - cos_theta_d."""
     first = rng.uniform(0, 1, 3) if rng.random() < 0.6 else np.full(3, rng.uniform(0.02, 1))
     weight = q[:, None] ** rng.uniform(3, 7)
     kind = rng.integers(4)

@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def ggx(wi, wo, *, n, t_theta, rho_d, rho_s, alpha_x, alpha_y, F0):
-    r"""Anisotropic GGX: rho_d/pi + rho_s D F G / (4 cos_i cos_o), in float64.
+def ggx(
+    wi: ArrayLike,
+    wo: ArrayLike,
+    *,
+    n: ArrayLike,
+    t_theta: float,
+    rho_d: ArrayLike,
+    rho_s: ArrayLike,
+    alpha_x: float,
+    alpha_y: float,
+    F0: ArrayLike,
+) -> np.ndarray:
+    r"""Evaluate anisotropic GGX: rho_d/pi + rho_s D F G / (4 cos_i cos_o), in float64.
 
     Parameters
     ----------
@@ -35,27 +47,29 @@ def ggx(wi, wo, *, n, t_theta, rho_d, rho_s, alpha_x, alpha_y, F0):
     >>> ggx([[0, 0, 1]], [[0, 0, 1]], **grey).round(4)
     array([[0.1592, 0.1592, 0.1592]])
     """
-    t, b, n = _frame(np.asarray(n, np.float64), t_theta)
-    wi, wo = (np.asarray(w, np.float64) @ np.stack((t, b, n), 1) for w in (wi, wo))
-    up = (wi[:, 2] > 0) & (wo[:, 2] > 0)
-    f = np.zeros((len(wi), 3))
-    wi, wo = wi[up], wo[up]
-    h = wi + wo
+    t, b, n = frame(np.asarray(n, np.float64), t_theta)
+    i, o = (np.asarray(w, np.float64) @ np.stack((t, b, n), 1) for w in (wi, wo))
+    up = (i[:, 2] > 0) & (o[:, 2] > 0)
+    f = np.zeros((len(i), 3))
+    i, o = i[up], o[up]
+    h = i + o
     h /= np.linalg.norm(h, axis=1, keepdims=True)
     D = 1 / (np.pi * alpha_x * alpha_y * ((h[:, 0] / alpha_x) ** 2 + (h[:, 1] / alpha_y) ** 2 + h[:, 2] ** 2) ** 2)
-    q = (1 - np.clip(np.sum(h * wo, 1), 0, 1)) ** 5  # clip: 1 + 1e-16 for wi = wo
+    q = (1 - np.clip(np.sum(h * o, 1), 0, 1)) ** 5  # clip: 1 + 1e-16 for wi = wo
     F = np.asarray(F0) + (1 - np.asarray(F0)) * q[:, None]
-    G = 1.0  # height-uncorrelated: the product of both sides
-    for w in (wi, wo):
+    G: np.ndarray | float = 1.0  # height-uncorrelated: the product of both sides
+    for w in (i, o):
         tan2 = ((alpha_x * w[:, 0]) ** 2 + (alpha_y * w[:, 1]) ** 2) / w[:, 2] ** 2
         G = G * 2 / (1 + np.sqrt(1 + tan2))
-    specular = F * (D * G / (4 * wi[:, 2] * wo[:, 2]))[:, None]
+    specular = F * (D * G / (4 * i[:, 2] * o[:, 2]))[:, None]
     f[up] = np.asarray(rho_d) / np.pi + np.asarray(rho_s) * specular
     return f
 
 
-def ward(wi, wo, *, t_theta, rho_d, rho_s, alpha_x, alpha_y):
-    r"""Anisotropic Ward, normal (0, 0, 1), in float64.
+def ward(
+    wi: ArrayLike, wo: ArrayLike, *, t_theta: float, rho_d: ArrayLike, rho_s: ArrayLike, alpha_x: float, alpha_y: float
+) -> np.ndarray:
+    r"""Evaluate anisotropic Ward, normal (0, 0, 1), in float64.
 
     .. math:: f = \frac{\rho_d}{\pi} + \frac{\rho_s}{4 \pi \alpha_x \alpha_y \sqrt{\cos\theta_i \cos\theta_o}}
         \exp\left(-\frac{h_x^2 / \alpha_x^2 + h_y^2 / \alpha_y^2}{h_z^2}\right)
@@ -84,14 +98,16 @@ def ward(wi, wo, *, t_theta, rho_d, rho_s, alpha_x, alpha_y):
     >>> ward([[0, 0, 1]], [[0, 0, 1]], **grey).round(4)
     array([[0.3183, 0.3183, 0.3183]])
     """
-    wi, wo, h = _local(wi, wo, t_theta)
+    i, o, h = _local(wi, wo, t_theta)
     slope2 = ((h[:, 0] / alpha_x) ** 2 + (h[:, 1] / alpha_y) ** 2) / h[:, 2] ** 2
-    lobe = np.exp(-slope2) / (4 * np.pi * alpha_x * alpha_y * np.sqrt(wi[:, 2] * wo[:, 2]))
+    lobe = np.exp(-slope2) / (4 * np.pi * alpha_x * alpha_y * np.sqrt(i[:, 2] * o[:, 2]))
     return np.asarray(rho_d) / np.pi + np.asarray(rho_s) * lobe[:, None]
 
 
-def beckmann(wi, wo, *, t_theta, F0, alpha_x, alpha_y):
-    r"""Specular lobe D F G / (4 cos_i cos_o) with anisotropic Beckmann D, normal (0, 0, 1), in float64.
+def beckmann(
+    wi: ArrayLike, wo: ArrayLike, *, t_theta: float, F0: ArrayLike, alpha_x: float, alpha_y: float
+) -> np.ndarray:
+    r"""Evaluate the specular lobe D F G / (4 cos_i cos_o) with anisotropic Beckmann D, normal (0, 0, 1), in float64.
 
     Parameters
     ----------
@@ -117,32 +133,32 @@ def beckmann(wi, wo, *, t_theta, F0, alpha_x, alpha_y):
     >>> beckmann([[0, 0, 1]], [[0, 0, 1]], t_theta=0, F0=[1.0] * 3, alpha_x=0.5, alpha_y=0.5).round(4)
     array([[0.3183, 0.3183, 0.3183]])
     """
-    wi, wo, h = _local(wi, wo, t_theta)
+    i, o, h = _local(wi, wo, t_theta)
     slope2 = ((h[:, 0] / alpha_x) ** 2 + (h[:, 1] / alpha_y) ** 2) / h[:, 2] ** 2
     D = np.exp(-slope2) / (np.pi * alpha_x * alpha_y * h[:, 2] ** 4)
-    cos_d = np.linalg.norm(wi + wo, axis=1) / 2  # unlike h wo, the same after a swap to the last bit
+    cos_d = np.linalg.norm(i + o, axis=1) / 2  # unlike h o, the same after a swap to the last bit
     q = (1 - np.minimum(cos_d, 1)) ** 5
     F = np.asarray(F0) + (1 - np.asarray(F0)) * q[:, None]
-    G = 1.0
-    for w in (wi, wo):
+    G: np.ndarray | float = 1.0
+    for w in (i, o):
         # 1e-9: at normal incidence nothing is in the shadow, a is infinite
         a = w[:, 2] / np.maximum(np.hypot(alpha_x * w[:, 0], alpha_y * w[:, 1]), 1e-9)
         inside = np.minimum(a, 1.6)
         rational = (3.535 * inside + 2.181 * inside**2) / (1 + 2.276 * inside + 2.577 * inside**2)
         G = G * np.where(a < 1.6, rational, 1.0)
-    return F * (D * G / (4 * wi[:, 2] * wo[:, 2]))[:, None]
+    return F * (D * G / (4 * i[:, 2] * o[:, 2]))[:, None]
 
 
-def _local(wi, wo, t_theta):
-    """Both directions and the half vector in the frame of the tangent."""
-    axes = np.stack(_frame(np.array([0.0, 0.0, 1.0]), t_theta), 1)
-    wi, wo = (np.asarray(w, np.float64) @ axes for w in (wi, wo))
-    h = wi + wo
-    return wi, wo, h / np.linalg.norm(h, axis=1, keepdims=True)
+def _local(wi: ArrayLike, wo: ArrayLike, t_theta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return both directions and the half vector in the frame of the tangent."""
+    axes = np.stack(frame(np.array([0.0, 0.0, 1.0]), t_theta), 1)
+    i, o = (np.asarray(w, np.float64) @ axes for w in (wi, wo))
+    h = i + o
+    return i, o, h / np.linalg.norm(h, axis=1, keepdims=True)
 
 
-def _frame(n, t_theta):
-    """Tangent, bitangent and normal, as rows."""
+def frame(n: np.ndarray, t_theta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return tangent, bitangent and normal, as rows."""
     x = np.array([1.0, 0.0, 0.0]) - n[0] * n
     x /= np.linalg.norm(x)
     c, s = np.cos(t_theta), np.sin(t_theta)

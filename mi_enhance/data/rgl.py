@@ -7,14 +7,17 @@ the viewer and `wo` the light; the files are not quite reciprocal, so that order
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NoReturn
 
-import mitsuba as mi
 import numpy as np
 
 from ..system import tensor_file
 from ..system.files import material_name, require_file
 from .directions import sample_pairs
 from .measurements import Measurements, clamp_negative
+from .registry import reader
 
 # the fields `measured` reads: type and number of dimensions
 _FIELDS = {
@@ -31,7 +34,8 @@ _FIELDS = {
 _MAX_VALUE = 1e9  # sharp chrome reaches 2e4; products of three such values stay finite in float32
 
 
-def read(path, *, n_samples=100_000, seed=0):
+@reader("rgl", about="RGL .bsdf", suffixes=(".bsdf",), magic=tensor_file.MAGIC)
+def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of the measured material in `path`.
 
     Parameters
@@ -59,6 +63,7 @@ def read(path, *, n_samples=100_000, seed=0):
 
     Examples
     --------
+    >>> import mitsuba as mi
     >>> mi.set_variant("llvm_ad_rgb")
     >>> read("mi_enhance/bundled/rgl/aurora_white_rgb.bsdf", n_samples=10).name
     'aurora_white'
@@ -68,8 +73,8 @@ def read(path, *, n_samples=100_000, seed=0):
     return Measurements(wi, wo, f, material_name(path), f"RGL file {path}", clamped_fraction)
 
 
-def evaluate(path, wi, wo):
-    """Reflectance the file holds for given directions, negative values included.
+def evaluate(path: str | Path, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+    """Return the reflectance the file holds for given directions, negative values included.
 
     Parameters
     ----------
@@ -82,6 +87,8 @@ def evaluate(path, wi, wo):
     array (N, 3), float32
         f_r in 1/sr, linear sRGB.
     """
+    import mitsuba as mi  # only this reader needs it
+
     where = f'data.load("{path}")'
     path = require_file(path, where)
     _check_file(path, where)
@@ -106,7 +113,7 @@ def evaluate(path, wi, wo):
     return f.T
 
 
-def _check_file(path, where):
+def _check_file(path: Path, where: str) -> None:
     """Raise unless the file is a complete, finite RGB material that Mitsuba can be trusted with."""
     fields = tensor_file.fields(path, where)
     if "spectra" in fields and "rgb" not in fields:
@@ -127,7 +134,7 @@ def _check_file(path, where):
             f"it holds {', '.join(sorted(fields)[:12])}."
         )
 
-    def refuse(what):
+    def refuse(what: str) -> NoReturn:
         raise ValueError(f"{where}: {what}. The file is damaged; download it again.")
 
     for name, (dtype, n_dim) in _FIELDS.items():
@@ -165,8 +172,8 @@ def _check_file(path, where):
         refuse("vndf or luminance is 0 everywhere for one direction")
 
 
-def _is_own_material(path, fields):
-    """Materials of this package keep a JSON object in the field `description`; RGL keeps a plain sentence there."""
+def _is_own_material(path: Path, fields: Mapping[str, tensor_file.Field]) -> bool:
+    """Tell whether the file is a material of ours: its `description` is a JSON object, RGL's is a plain sentence."""
     if "description" not in fields or fields["description"].dtype != np.uint8:
         return False
     try:

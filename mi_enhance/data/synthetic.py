@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from .directions import sample_pairs
+from .directions import MIN_COS, sample_pairs
 from .measurements import Measurements, clamp_negative
 from .reference_brdfs import beckmann, ggx, ward
 
 _F0 = 0.04
 _RHO_S_MAX = 10.0
 _ALPHA_RANGE = (0.006, 0.503)  # OpenSVBRDF's published range, log-uniform
-_MIN_COS = 0.01  # to the tilted normal, as sampling.py has it for the untilted one
 
 
-def ggx_anisotropic(seed, n_samples=100_000, noise=0.1, max_tilt=0.0):
+def ggx_anisotropic(
+    seed: int, n_samples: int = 100_000, noise: float = 0.1, max_tilt: float = 0.0
+) -> tuple[Measurements, dict]:
     """Draw a material and measure it.
 
     Parameters
@@ -50,9 +51,10 @@ def ggx_anisotropic(seed, n_samples=100_000, noise=0.1, max_tilt=0.0):
     (100, True)
     """
     rng = np.random.default_rng(seed)
-    alpha_y, alpha_x = np.sort(np.exp(rng.uniform(*np.log(_ALPHA_RANGE), 2)))
+    low, high = np.log(_ALPHA_RANGE)
+    alpha_y, alpha_x = np.sort(np.exp(rng.uniform(low, high, 2)))
     tilt, azimuth = rng.uniform(0, max_tilt), rng.uniform(0, 2 * np.pi)
-    truth = {
+    truth: dict = {
         "n": np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]),
         "t_theta": rng.uniform(0, np.pi),
         "rho_d": rng.uniform(0, 1, 3),
@@ -62,8 +64,8 @@ def ggx_anisotropic(seed, n_samples=100_000, noise=0.1, max_tilt=0.0):
         "F0": _F0,
     }
 
-    def above(wi, wo):
-        return np.minimum(wi @ truth["n"], wo @ truth["n"]) >= _MIN_COS
+    def above(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        return np.minimum(wi @ truth["n"], wo @ truth["n"]) >= MIN_COS
 
     wi, wo = sample_pairs(n_samples, seed=rng, accept=above)
     f = ggx(wi, wo, **truth) * rng.normal(1, noise, (n_samples, 3))
@@ -71,7 +73,7 @@ def ggx_anisotropic(seed, n_samples=100_000, noise=0.1, max_tilt=0.0):
     return Measurements(wi, wo, f, f"ggx_anisotropic_{seed}", f"synthetic, noise {noise}", clamped_fraction), truth
 
 
-def two_lobes(seed, n_samples=100_000):
+def two_lobes(seed: int, n_samples: int = 100_000) -> Measurements:
     """Draw a material with a sharp and a wide lobe, like a coat over paint or a flake in lacquer, and measure it.
 
     One GGX cannot be such a material: networks that saw only single lobes do not generalize to real ones. Half of the
@@ -95,7 +97,7 @@ def two_lobes(seed, n_samples=100_000):
     """
     rng = np.random.default_rng(seed)
     base = rng.uniform(0, 1, 3) * rng.uniform(0, 1)
-    frame = {"n": np.array([0.0, 0.0, 1.0]), "t_theta": rng.uniform(0, np.pi)}
+    frame: dict = {"n": np.array([0.0, 0.0, 1.0]), "t_theta": rng.uniform(0, np.pi)}
     isotropic = rng.random() < 0.5
     wi, wo = sample_pairs(n_samples, seed=rng)
     f = np.zeros((n_samples, 3))
@@ -117,7 +119,7 @@ def two_lobes(seed, n_samples=100_000):
     return Measurements(wi, wo, f, f"two_lobes_{seed}", "synthetic")
 
 
-def ward_anisotropic(seed, n_samples=100_000):
+def ward_anisotropic(seed: int, n_samples: int = 100_000) -> Measurements:
     """Draw an anisotropic Ward material, rotated by 0 to 180 degrees. Never to be trained on.
 
     Parameters
@@ -139,13 +141,13 @@ def ward_anisotropic(seed, n_samples=100_000):
     """
     rng = np.random.default_rng(seed)
     rho_s = rng.uniform(0.05, 0.6, 3)
-    material = {"t_theta": rng.uniform(0, np.pi), "rho_s": rho_s, "rho_d": (1 - rho_s) * rng.uniform(0, 1, 3)}
+    material: dict = {"t_theta": rng.uniform(0, np.pi), "rho_s": rho_s, "rho_d": (1 - rho_s) * rng.uniform(0, 1, 3)}
     material |= _stretched(rng, np.exp(rng.uniform(*np.log((0.03, 0.3)))))
     wi, wo = sample_pairs(n_samples, seed=rng)
     return Measurements(wi, wo, ward(wi, wo, **material), f"ward_anisotropic_{seed}", "synthetic, validation only")
 
 
-def beckmann_mixture(seed, n_samples=100_000):
+def beckmann_mixture(seed: int, n_samples: int = 100_000) -> Measurements:
     """Draw a mixture of two anisotropic Beckmann lobes, rotated by 0 to 180 degrees. Never to be trained on.
 
     Parameters
@@ -177,7 +179,7 @@ def beckmann_mixture(seed, n_samples=100_000):
     return Measurements(wi, wo, f, f"beckmann_mixture_{seed}", "synthetic, validation only")
 
 
-def _stretched(rng, alpha):
-    """Roughness along both axes: geometric mean `alpha`, ratio 1.5 to 6."""
+def _stretched(rng: np.random.Generator, alpha: float) -> dict[str, float]:
+    """Return the roughness along both axes: geometric mean `alpha`, ratio 1.5 to 6."""
     ratio = np.sqrt(np.exp(rng.uniform(*np.log((1.5, 6)))))
     return {"alpha_x": alpha * ratio, "alpha_y": alpha / ratio}

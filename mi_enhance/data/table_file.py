@@ -1,12 +1,18 @@
-"""Tables of one's own measurements: `.csv` and `.npz`.
+"""Tables of one's own measurements: text (``.csv``, ``.tsv``, ``.txt``, ``.dat``) and ``.npz``.
 
-CSV: one header line, one row per sample, columns in any order:
+Text: one line of column names, one row per sample, columns in any order:
 
-* directions: ``wi_x, wi_y, wi_z, wo_x, wo_y, wo_z`` (unit vectors) or ``theta_i, phi_i, theta_o, phi_o`` (radians). The
-  index i is the viewer, o the light, as everywhere in this package;
+* directions: ``wi_x, wi_y, wi_z, wo_x, wo_y, wo_z`` (unit vectors) or ``theta_i, phi_i, theta_o, phi_o`` (polar angle
+  to the normal, azimuth from +x; radians). The index i is the viewer, o the light, as everywhere in this package;
 * reflectance: ``f_r, f_g, f_b`` or, for grey, a single ``f``: f_r in 1/sr without the cosine, linear RGB.
 
-NPZ: the arrays ``wi`` (N, 3), ``wo`` (N, 3), ``f`` (N, 3).
+Other columns are ignored, and `source` names them. Units may stand behind the names or in a line below:
+``theta_i_deg``, ``phi_o [rad]``, ``f (1/sr)``. Angles are in degrees if a name says so, or a comment ("angles in
+degrees"). Columns are separated by commas, semicolons, tabs or spaces; numbers may have decimal commas where no comma
+separates them. Lines that are empty or begin with ``#``, ``%`` or ``//`` are comments; a header may be one. UTF-8 or
+UTF-16.
+
+NPZ: the arrays ``wi`` (N, 3), ``wo`` (N, 3), ``f`` (N, 3), or (N,) for grey.
 
 Directions within 1e-3 of unit length are normalized, others are an error. Rows with a direction at or below the
 horizon (z <= 0), where f is 0 by definition and teaches nothing, are dropped, and `source` says how many.
@@ -15,23 +21,34 @@ horizon (z <= 0), where f is 0 by definition and teaches nothing, are dropped, a
 from __future__ import annotations
 
 import warnings
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from ..system import npz
 from ..system.files import material_name, replacing, require_file
+from .directions import UNIT_TOLERANCE
 from .measurements import Measurements, clamp_negative
+from .registry import reader
+from .table_header import ANGLES, GREY, RGB, VECTORS
+from .text_table import TextTable, read_text
 
-_VECTORS = ("wi_x", "wi_y", "wi_z", "wo_x", "wo_y", "wo_z")
-_ANGLES = ("theta_i", "phi_i", "theta_o", "phi_o")
-_RGB, _GREY = ("f_r", "f_g", "f_b"), ("f",)
-_UNIT_TOLERANCE = 1e-3  # three decimals; more is a mistake of the file
 _EXACT = 1e-6  # float32 rounding: such vectors are kept bit by bit
+# More than this share of rows below the horizon is no accident: another axis is the normal, or another angle polar.
+_MANY_BELOW = 0.5
+_Place = Callable[[int], str]
 
 
-def read(path, *, n_samples=100_000, seed=0):
-    """Read a table; columns and rules are in the head of this module.
+@reader(
+    "table",
+    about="tables .csv, .tsv, .txt, .dat and .npz",
+    suffixes=(".csv", ".tsv", ".txt", ".dat"),
+    arrays=("wi", "wo", "f"),
+)
+def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
+    r"""Read a table; columns and rules are in the head of this module.
 
     Parameters
     ----------
@@ -47,18 +64,41 @@ def read(path, *, n_samples=100_000, seed=0):
     Raises
     ------
     ValueError
-        If a column is missing or unknown, a value is not finite, or a direction not of unit length.
+        If a column is missing or in an unknown unit, a line is no row of numbers, a value is not finite, an angle
+        beyond what its unit allows, or a direction not of unit length.
+
+    Warns
+    -----
+    UserWarning
+        If more than half of the rows lie below the horizon.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "grey.csv"
+    >>> _ = path.write_text("# a goniometer's\ntheta_i_deg;phi_i_deg;theta_o_deg;phi_o_deg;f\n0;0;60;90;0,25\n")
+    >>> m = read(path)
+    >>> m.wo.round(3).tolist(), m.f.tolist()
+    ([[0.0, 0.8659999966621399, 0.5]], [[0.25, 0.25, 0.25]])
     """
     where = f'data.load("{path}")'
-    path = require_file(path, where)
-    wi, wo, f = _read_npz(path, where) if path.suffix.lower() == ".npz" else _read_csv(path, where)
-    wi, wo = _unit(wi, "wi", where), _unit(wo, "wo", where)
+    file = require_file(path, where)
+    is_npz = file.suffix.lower() == ".npz" or zipfile.is_zipfile(file)
+    wi, wo, f, notes, place = (_read_npz if is_npz else _read_text)(file, where)
+    wi, wo = _unit(wi, "wi", place, where), _unit(wo, "wo", place, where)
     above = (wi[:, 2] > 0) & (wo[:, 2] > 0)
     if not above.any():
         raise ValueError(
             f"{where}: no row has both directions above the horizon (z > 0). Is the normal +z in this table?"
         )
-    notes = [f"{np.sum(~above)} rows below the horizon dropped"] if not above.all() else []
+    if not above.all():
+        notes.append(f"{np.sum(~above)} rows below the horizon dropped")
+    if np.mean(~above) > _MANY_BELOW:
+        warnings.warn(
+            f"{where}: {np.sum(~above)} of {len(above)} rows have a direction below the horizon (z <= 0) and "
+            "are dropped. The normal must be +z; polar angles are from it, in radians unless the table says degrees.",
+            stacklevel=2,
+        )
     rows = np.flatnonzero(above)
     if len(rows) > n_samples:
         notes.append(f"{n_samples} of {len(rows)} rows drawn")
@@ -68,7 +108,7 @@ def read(path, *, n_samples=100_000, seed=0):
     return Measurements(wi[rows], wo[rows], f, material_name(path), source, clamped_fraction)
 
 
-def write(measurements, path):
+def write(measurements: Measurements, path: str | Path) -> None:
     """Write a table that `read` gives back exactly; see `mi_enhance.data.loading.save_table`."""
     suffix = Path(path).suffix.lower()
     if suffix not in (".csv", ".npz"):
@@ -83,80 +123,104 @@ def write(measurements, path):
                 np.hstack((m.wi, m.wo, m.f)),
                 fmt="%.9g",
                 delimiter=",",
-                header=",".join(_VECTORS + _RGB),
+                header=",".join(VECTORS + RGB),
                 comments="",
             )
 
 
-def _read_csv(path, where):
-    """wi, wo, f in float64 out of a CSV."""
-    try:
-        with open(path, encoding="utf-8-sig") as file:  # spreadsheets put a byte-order mark in front
-            header = [c.strip().strip('"') for c in file.readline().split(",")]
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # "no data" is an error of ours below
-                rows = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
-    except ValueError as error:  # a word or an empty cell, rows of unequal length, bytes that are no text
-        raise ValueError(
-            f"{where}: not a table of numbers below one header line: {error} (rows are counted without the header)."
-        ) from error
-    directions = _VECTORS if set(_VECTORS) <= set(header) else _ANGLES
-    colours = _RGB if set(_RGB) <= set(header) else _GREY
-    if sorted(header) != sorted(directions + colours):
-        raise ValueError(
-            f"{where}: the columns are {', '.join(header)[:200]}. Needed: {', '.join(_VECTORS)} or "
-            f"{', '.join(_ANGLES)} (radians); and f_r, f_g, f_b or f. Nothing else."
-        )
-    if rows.shape[0] == 0 or rows.shape[1] != len(header):
-        raise ValueError(f"{where}: {rows.shape[0]} rows of {rows.shape[1]} numbers under {len(header)} column names.")
-    column = dict(zip(header, rows.T, strict=True))
-    _finite(rows, header, where)
-    f = np.stack([column[c] for c in colours], 1)
-    if directions is _VECTORS:
-        v = np.stack([column[c] for c in _VECTORS], 1)
-        return v[:, :3], v[:, 3:], np.broadcast_to(f, (len(f), 3))
-    wi, wo = (_from_angles(column[f"theta_{k}"], column[f"phi_{k}"]) for k in "io")
-    return wi, wo, np.broadcast_to(f, (len(f), 3))
+def _read_text(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str], _Place]:
+    """Return wi, wo, f in float64, what was ignored, and what names the place of a row."""
+    table = read_text(path, where)
+    column, place = table.columns, lambda i: f"line {table.lines[i]}"
+    for name, values in column.items():
+        _finite(values[:, None], [name], place, where)
+    rgb = [column[c] for c in (RGB if RGB[0] in column else GREY * 3)]
+    ignored = [n for n in table.header.names if n not in column]
+    notes = [f"columns ignored: {', '.join(ignored)[:200]}"] if ignored else []
+    f = np.stack(rgb, 1)
+    if VECTORS[0] in column:
+        v = np.stack([column[c] for c in VECTORS], 1)
+        return v[:, :3], v[:, 3:], f, notes, place
+    angles = _radians(table, where)
+    wi, wo = (_from_angles(angles[f"theta_{k}"], angles[f"phi_{k}"]) for k in "io")
+    return wi, wo, f, notes, place
 
 
-def _read_npz(path, where):
-    """wi, wo, f in float64 out of an NPZ."""
-    arrays = npz.read(path, ["wi", "wo", "f"], where)
-    for k, a in arrays.items():
-        if a.dtype.kind not in "fiu" or a.ndim != 2 or a.shape[1] != 3 or a.shape != arrays["f"].shape or len(a) == 0:
+def _radians(table: TextTable, where: str) -> dict[str, np.ndarray]:
+    """Return the angles of a table in radians, or say which cannot be in the unit the file has."""
+    result = {}
+    for name in ANGLES:
+        values, header = table.columns[name], table.header
+        said = header.units.get(name, "deg" if header.comments_say_degrees else "")
+        # A polar angle ends at pi. Azimuths may be written on beyond a turn, but not far.
+        turn = 360 if said == "deg" else 2 * np.pi
+        most = turn / 2 if name.startswith("theta") else 2 * turn
+        beyond = np.abs(values) > most * (1 + 1e-6)  # 1e-6: digits that the file rounded
+        if beyond.any():
+            i = int(np.argmax(beyond))
+            unit = "degrees, as the file says" if said == "deg" else "radians"
+            advice = (
+                "Correct the unit."
+                if said == "deg"
+                else "If the table is in degrees, name the columns theta_i_deg, phi_i_deg, theta_o_deg, phi_o_deg."
+            )
             raise ValueError(
-                f"{where}: {k} is {a.dtype} with shape {a.shape}; wi, wo and f must be numbers, all (N, 3)."
+                f"{where}: {name} in line {table.lines[i]} is {values[i]:.6g}, and {int(beyond.sum()) - 1} more are "
+                f"beyond {most:.4g}: that is no angle in {unit}. {advice}"
+            )
+        result[name] = np.deg2rad(values) if said == "deg" else values
+    if table.header.comments_say_degrees and not table.header.units:
+        polar = max(np.abs(table.columns[n]).max() for n in ("theta_i", "theta_o"))
+        if polar <= np.pi / 2:
+            raise ValueError(
+                f"{where}: a comment speaks of degrees, but all polar angles are at most {polar:.4g}, as radians are. "
+                "Name the unit in the columns: theta_i_deg or theta_i_rad, and so on."
+            )
+    return result
+
+
+def _read_npz(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str], _Place]:
+    """Return what `_read_text` does."""
+    arrays = npz.read(path, ["wi", "wo", "f"], where)
+    n = len(arrays["wi"]) if arrays["wi"].ndim else 0
+    place = lambda i: f"row {i + 1}"  # noqa: E731
+    for key, shapes in (("wi", [(n, 3)]), ("wo", [(n, 3)]), ("f", [(n, 3), (n,), (n, 1)])):
+        a = arrays[key]
+        if a.dtype.kind not in "fiu" or a.shape not in shapes or n == 0:
+            raise ValueError(
+                f"{where}: {key} is {a.dtype} with shape {a.shape}; wi and wo must be numbers (N, 3), f (N, 3) or, for "
+                f"grey, (N,), with the same N of at least 1. wi has N = {n}."
             )
         with np.errstate(over="ignore"):
-            arrays[k] = a.astype(np.float64)
-        _finite(arrays[k], [f"{k}[0]", f"{k}[1]", f"{k}[2]"], where)
-    return arrays["wi"], arrays["wo"], arrays["f"]
+            arrays[key] = a.astype(np.float64).reshape(n, -1)
+        _finite(arrays[key], [f"{key}[{k}]" for k in range(3)], place, where)
+    return arrays["wi"], arrays["wo"], np.broadcast_to(arrays["f"], (n, 3)), [], place
 
 
-def _finite(rows, columns, where):
+def _finite(rows: np.ndarray, columns: list[str], place: _Place, where: str) -> None:
     """Raise for the first NaN or infinity, in the words of the file."""
     bad = np.argwhere(~np.isfinite(rows))
     if len(bad):
         i, j = bad[0]
         raise ValueError(
-            f"{where}: row {i + 1} (counted without the header) has {rows[i, j]} in column {columns[j]}, and "
-            f"{len(bad) - 1} more values are not finite. Remove these rows."
+            f"{where}: {place(i)} has {rows[i, j]} in column {columns[j]}, and {len(bad) - 1} more values are not "
+            "finite. Remove these rows."
         )
 
 
-def _from_angles(theta, phi):
+def _from_angles(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
     return np.stack((np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)), 1)
 
 
-def _unit(v, key, where):
+def _unit(v: np.ndarray, key: str, place: _Place, where: str) -> np.ndarray:
     """Normalize what is nearly normal; keep what already is."""
     with np.errstate(over="ignore"):
         length = np.linalg.norm(v, axis=1)
-    bad = ~(np.abs(length - 1) <= _UNIT_TOLERANCE)
+    bad = ~(np.abs(length - 1) <= UNIT_TOLERANCE)
     if bad.any():
         i = int(np.argmax(bad))
         raise ValueError(
-            f"{where}: {key} in row {i + 1} has length {length[i]:.6g}, not 1 (within {_UNIT_TOLERANCE}); "
+            f"{where}: {key} in {place(i)} has length {length[i]:.6g}, not 1 (within {UNIT_TOLERANCE}); "
             f"{int(bad.sum())} rows are like this. Normalize the directions first."
         )
     return np.where((np.abs(length - 1) > _EXACT)[:, None], v / length[:, None], v)

@@ -21,10 +21,11 @@ from ..system import tensor_file
 from ..system.bundled_files import DEFAULT_NETWORK, network_file
 from ..system.files import replacing
 from . import material_file
+from .old_names import OldNames
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Material:
+class Material(OldNames):
     """What is saved, loaded, edited, shown and rendered.
 
     Parameters

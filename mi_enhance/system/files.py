@@ -7,10 +7,12 @@ import hashlib
 import json
 import os
 import tempfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 
-def require_file(path, where):
+def require_file(path: str | Path, where: str) -> Path:
     """Return `path` as Path, or say what is there instead of a file."""
     path = Path(path)
     if path.is_dir():
@@ -20,21 +22,21 @@ def require_file(path, where):
     return path
 
 
-def material_name(path):
+def material_name(path: str | Path) -> str:
     """Name of the material in a file that holds one; RGL appends `_rgb`, which is no part of the name."""
     return Path(path).stem.removesuffix("_rgb")
 
 
-def digest(*parts):
-    """Sixteen letters that change with the bytes or arrays given, for the name of what is kept of them."""
+def digest(*parts: Any) -> str:
+    """Return the first 16 hexadecimal digits of the SHA-256 of bytes and arrays, for the name of a cached file."""
     result = hashlib.sha256()
     for part in parts:
         result.update(part)
     return result.hexdigest()[:16]
 
 
-def read_json(path, where, needed=(), *, lines=False):
-    """The object in a JSON file, or (`lines`) the list of those on its lines, each with at least the entries `needed`.
+def read_json(path: str | Path, where: str, needed: Iterable[str] = (), *, lines: bool = False) -> Any:
+    """Return the object in a JSON file, or (`lines`) the list of those on its lines, each with the entries `needed`.
 
     Raises
     ------
@@ -59,7 +61,7 @@ def read_json(path, where, needed=(), *, lines=False):
 
 
 @contextlib.contextmanager
-def replacing(path):
+def replacing(path: str | Path) -> Iterator[str]:
     """Yield the name of a temporary file beside `path` that takes its place when the block ends without error."""
     path = Path(path)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
@@ -73,7 +75,7 @@ def replacing(path):
         raise
 
 
-def _umask():
+def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -109,8 +109,17 @@ def _check_own(path: str) -> LLVMLibrary:
     """Accept the user's setting, or say what is wrong with it."""
     advice = f"Unset {VARIABLE} to let mi_enhance choose, or set it to a libLLVM of version {OLDEST} or newer."
     # A name without a folder is looked up by the dynamic linker: only loading it tells.
+    if os.path.isdir(path):
+        inside = sorted(p for name in _NAMES for p in glob.glob(f"{glob.escape(path)}/{name}"))
+        said = f'. Name the library in it, "{inside[-1]}".' if inside else ", and holds no libLLVM. Name a library."
+        raise ImportError(f'mi_enhance: {VARIABLE}="{path}" is a folder{said} {advice}')
+    if os.path.dirname(path) and not os.path.exists(path):
+        what = "is a link to a file that does not exist" if os.path.islink(path) else "does not exist"
+        raise ImportError(f'mi_enhance: {VARIABLE}="{path}" {what}. {advice}')
     if os.path.dirname(path) and not os.path.isfile(path):
-        raise ImportError(f'mi_enhance: {VARIABLE}="{path}" does not exist. {advice}')
+        raise ImportError(f'mi_enhance: {VARIABLE}="{path}" is no file. {advice}')
+    if os.path.isfile(path) and not os.access(path, os.R_OK):
+        raise ImportError(f'mi_enhance: {VARIABLE}="{path}" may not be read by you. {advice}')
     version = _version(path)
     if version is None:
         raise ImportError(f'mi_enhance: {VARIABLE}="{path}" cannot be loaded as an LLVM library. {advice}')

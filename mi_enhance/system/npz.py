@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 import os
 import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -15,8 +17,8 @@ import numpy as np
 _MAX_BYTES = 2**30
 
 
-def keys(path, where):
-    """Names of the arrays in the file."""
+def keys(path: str | Path, where: str) -> set[str]:
+    """Return the names of the arrays in the file."""
     try:
         with zipfile.ZipFile(path) as archive:
             return {n.removesuffix(".npy") for n in archive.namelist()}
@@ -24,7 +26,7 @@ def keys(path, where):
         raise ValueError(_damaged(where, error)) from error
 
 
-def read(path, wanted, where):
+def read(path: str | Path, wanted: Sequence[str], where: str) -> dict[str, np.ndarray]:
     """Return {name: array} for the names in `wanted`.
 
     Raises
@@ -43,8 +45,8 @@ def read(path, wanted, where):
         raise ValueError(_damaged(where, error)) from error
 
 
-def _member(archive, name, limit):
-    """One array, after its header was held against the stored length."""
+def _member(archive: zipfile.ZipFile, name: str, limit: int) -> np.ndarray:
+    """Return one array, after its header was held against the stored length."""
     size = archive.getinfo(name + ".npy").file_size
     if size > limit:
         raise ValueError(f"{name} has {size} bytes, more than the {limit} allowed")
@@ -63,8 +65,8 @@ def _member(archive, name, limit):
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran_order else "C")
 
 
-def numbers(arrays, name, shape, where):
-    """The array as float32 after checking its shape and that all values are finite."""
+def numbers(arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], where: str) -> np.ndarray:
+    """Return the array as float32 after checking its shape and that all values are finite."""
     a = arrays[name]
     if a.dtype.kind not in "fiu" or a.shape != shape:
         raise ValueError(f"{where}: {name} is {a.dtype} with shape {a.shape}; numbers with shape {shape} are needed.")
@@ -75,8 +77,8 @@ def numbers(arrays, name, shape, where):
     return a
 
 
-def words(arrays, name, where):
-    """A one-dimensional array of strings as a list."""
+def words(arrays: Mapping[str, np.ndarray], name: str, where: str) -> list[str]:
+    """Return a one-dimensional array of strings as a list."""
     a = arrays[name]
     if a.dtype.kind != "U" or a.ndim != 1 or a.size == 0:
         raise ValueError(f"{where}: {name} is {a.dtype} with shape {a.shape}; a list of strings is needed.")
@@ -87,5 +89,5 @@ def words(arrays, name, where):
     return [str(n) for n in a]
 
 
-def _damaged(where, error):
+def _damaged(where: str, error: object) -> str:
     return f"{where}: not a readable .npz ({str(error) or type(error).__name__}). Get or write it again."

@@ -11,7 +11,9 @@ import io
 import math
 import os
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -31,7 +33,7 @@ class Field:
     offset: int
 
 
-def fields(path, where):
+def fields(path: str | Path, where: str) -> dict[str, Field]:
     """Read the header and hold every size against the length of the file.
 
     Parameters
@@ -51,10 +53,10 @@ def fields(path, where):
         If the file is not a tensor file of version 1.0 or a part of it is missing.
     """
     size = os.path.getsize(path)
-    result = {}
+    result: dict[str, Field] = {}
     with open(path, "rb") as file:
 
-        def take(form):
+        def take(form: str) -> tuple:
             data = file.read(struct.calcsize(form))
             if len(data) < struct.calcsize(form):
                 raise ValueError(f"{where}: the file ends inside its header ({size} bytes). Download or save it again.")
@@ -94,12 +96,12 @@ def fields(path, where):
     return result
 
 
-def values(path, field):
-    """The numbers of one checked field."""
+def values(path: str | Path, field: Field) -> np.ndarray:
+    """Return the numbers of one checked field."""
     return np.fromfile(path, field.dtype, math.prod(field.shape), offset=field.offset).reshape(field.shape)
 
 
-def write(path, tensors):
+def write(path: str | Path, tensors: Mapping[str, np.ndarray | str]) -> None:
     """Write a tensor file with Mitsuba's own writer.
 
     Parameters
@@ -112,4 +114,4 @@ def write(path, tensors):
 
     # The writer prints a line of its own; a program that prints JSON to standard output has no use for it.
     with contextlib.redirect_stdout(io.StringIO()):
-        mi.tensor_io.write(str(path), **tensors)
+        mi.tensor_io.write(str(path), **tensors)  # type: ignore[attr-defined]  # Mitsuba's stubs miss it

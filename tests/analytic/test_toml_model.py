@@ -17,8 +17,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import twin
+from any_material import USUAL, given, materials
 from plugin_scenes import ball, render_attached
-from test_models import USUAL, given, materials
 
 from mi_enhance import data, enhance, models
 from mi_enhance.analytic import geometry, parameters

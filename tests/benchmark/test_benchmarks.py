@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
+
+import accuracy
+import generalization
+import images
+import rivals
+import structure_floor
+import tabulated
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 
@@ -17,15 +23,6 @@ from mi_enhance.data import directions, nbrdf, reference_brdfs, rgl
 from mi_enhance.fitting.losses import log_l1
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "tests/benchmarks"))  # scripts, not a package
-
-import accuracy  # noqa: E402
-import generalization  # noqa: E402
-import images  # noqa: E402
-import rivals  # noqa: E402
-import structure_floor  # noqa: E402
-import tabulated  # noqa: E402
-
 FILE = ROOT / "mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"
 PAINT = dict(n=[0, 0, 1], t_theta=0, rho_d=[0.3, 0.2, 0.1], rho_s=[1] * 3, alpha_x=0.3, alpha_y=0.3, F0=0.05)
 

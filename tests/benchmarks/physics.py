@@ -43,7 +43,7 @@ _COLUMNS = {
     "eval_ns": ("both", ".1f"),
     "update_ms": ("update, ms", ".0f"),
 }
-# Denser than the table of mi_enhance.sampling.energy_bound, and between its nodes; cosines to the normal of the surface.
+# Denser than the table of sampling.energy_bound, and between its nodes; cosines to the normal of the surface.
 _COSINES = np.linspace(0.03, 1, 40) ** 4
 _AZIMUTHS, _SAMPLES, _PAIRS = 4, 1 << 11, 1 << 15
 _LANES = 1 << 21  # of a timed evaluation

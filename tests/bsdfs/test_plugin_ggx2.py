@@ -10,9 +10,21 @@ import numpy as np
 import pytest
 import twin
 import twin_networks
-from plugin_scenes import ball, bitmap, close, directions, evaluate, hit, vectors
-from test_plugin_sampling import NOISE, QUADRATURE, SIGNIFICANCE, albedo_by_sampling, view
-from test_sampling_lobes import cells
+from plugin_scenes import (
+    NOISE,
+    QUADRATURE,
+    SIGNIFICANCE,
+    albedo_by_sampling,
+    ball,
+    bitmap,
+    cells,
+    close,
+    directions,
+    evaluate,
+    hit,
+    vectors,
+    view,
+)
 
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.measurements import Measurements

@@ -6,16 +6,24 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from plugin_scenes import analytic, directions, hit, material, vectors
+from plugin_scenes import (
+    NOISE,
+    QUADRATURE,
+    SIGNIFICANCE,
+    albedo_by_sampling,
+    analytic,
+    directions,
+    hit,
+    material,
+    vectors,
+    view,
+)
 
 from mi_enhance import models
 from mi_enhance.evaluation.chi_square import chi_square
 from mi_enhance.material.material import Material
 
-SIGNIFICANCE = 0.01  # of all chi-square tests together: the Sidak correction asks the more of each, the more there are
 ROUNDING = 1e-4  # relative: near-mirror densities amplify the rounding of the half vector
-NOISE = 0.01  # of a mean of 3e5 weights
-QUADRATURE = 0.005  # of 250,000 stratified directions
 
 MATERIALS = {
     "default": {"n_x": 0, "n_y": 0, "t_theta": 0, "alpha_x": 0.2, "alpha_y": 0.2},
@@ -39,11 +47,6 @@ OTHERS = {
 def other(name, **values):
     """An analytic material that is not GGX."""
     return Material.analytic(name.split(",")[0]).edit(**{"rho_d": 0.2, **OTHERS[name], **values})
-
-
-def view(degrees, azimuth=0.5):
-    theta = np.deg2rad(degrees)
-    return [float(np.sin(theta) * np.cos(azimuth)), float(np.sin(theta) * np.sin(azimuth)), float(np.cos(theta))]
 
 
 class LobeDomain:
@@ -130,13 +133,6 @@ def test_near_mirrors_of_all_models_follow_the_density(llvm, name, degrees, tmp_
     m = m.edit(**{key: v for key, v in sharp.items() if key in m.params})
     result = chi_square(m.bsdf(), view(degrees), m.as_drjit(), m.brdf.model, test_count=3 * len(models.MODELS))
     assert result["passed"], result["message"]
-
-
-def albedo_by_sampling(b, wi, n=300_000):
-    """The mean weight."""
-    u = [mi.Float(v) for v in np.random.default_rng(0).random((3, n)).astype(np.float32)]
-    _, weight = b.sample(mi.BSDFContext(), hit(np.tile(wi, (n, 1))), u[0], mi.Point2f(u[1], u[2]))
-    return np.array(dr.mean(weight, axis=1)).ravel()
 
 
 def albedo_by_quadrature(b, wi, n=500):

@@ -166,7 +166,7 @@ def test_materials_of_one_network_share_their_compiled_functions(llvm):
 
 def test_material_of_another_network_is_a_function_of_its_own(llvm):
     """Else the test above would show nothing."""
-    other = Material(enhance("ggx", seed=2), VALUES).to_dict()
+    other = Material(enhance("ggx", hidden=(6, 6), seed=2), VALUES).to_dict()
     shapes = {f"s{k}": {"type": "sphere", "bsdf": b} for k, b in enumerate((material().to_dict(), other))}
     one = largest_kernel(ball(material().to_dict()))[0]  # a scene that lives on would be compiled into the next kernel
     two = largest_kernel(scene(shapes))[0]

@@ -131,7 +131,7 @@ def test_interruption_is_polite(monkeypatch, capsys):
     def interrupt(args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(demo, "demo", interrupt)
+    monkeypatch.setattr(demo, "run", interrupt)
     assert main(["demo"]) == 130
     assert capsys.readouterr().err == "mi-enhance: interrupted\n"
 

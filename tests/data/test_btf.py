@@ -52,7 +52,7 @@ def archives(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(("name", "step"), [("a.btf", 1e-6), ("hdr.zip", 1e-6), ("jpg.zip", 0.02)])
 def test_window_is_the_reflectance_of_its_pixels(archives, name, step):
-    wi, wo, f = btf.read(archives / name, rows=(1, 3), columns=(2, 6), n_samples=1000, progress=False)
+    wi, wo, f = btf.read(archives / name, rows=(1, 3), columns=(2, 6), n_samples=1000)
     expected = np.linspace(0.1, 1, 6)[2:, None] * COLOUR / np.pi
     assert f.shape == (2, 4, len(wi), 3) and len(wi) == 24  # view angles of 90 degrees are left out
     np.testing.assert_allclose(f, np.broadcast_to(expected[None, :, None], f.shape), rtol=step)  # 8 bits: 2 %
@@ -62,7 +62,7 @@ def test_window_is_the_reflectance_of_its_pixels(archives, name, step):
 
 
 def test_pairs_are_drawn_by_the_seed_and_cosine_is_optional(archives):
-    read = lambda **k: btf.read(archives / "a.btf", rows=(0, 1), columns=(0, 1), n_samples=5, progress=False, **k)  # noqa: E731
+    read = lambda **k: btf.read(archives / "a.btf", rows=(0, 1), columns=(0, 1), n_samples=5, **k)  # noqa: E731
     first, again, other = read(), read(), read(seed=1)
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert not np.array_equal(first[1], other[1])
@@ -71,7 +71,7 @@ def test_pairs_are_drawn_by_the_seed_and_cosine_is_optional(archives):
 
 
 def test_what_cannot_be_read_is_said(archives, monkeypatch):
-    window = {"rows": (0, 2), "columns": (0, 2), "progress": False}
+    window = {"rows": (0, 2), "columns": (0, 2)}
     with pytest.raises(ValueError, match="rows 0 to 9 do not lie within the 4 there are"):
         btf.read(archives / "a.btf", **{**window, "rows": (0, 9)})
     with pytest.raises(ValueError, match="cannot read this file .duplicated conditions"):

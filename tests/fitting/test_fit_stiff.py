@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import functools
 
-import mi_enhance  # noqa: F401  (before mitsuba)
-
-import mitsuba as mi  # isort: skip
 import numpy as np
 import pytest
 from plugin_scenes import evaluate
 
+import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import Material, data, fit
 from mi_enhance.data.directions import rusinkiewicz_to_directions, sample_pairs
 from mi_enhance.fitting.losses import log_l1
@@ -76,10 +74,14 @@ def wide_range():
 CASES = {f.__name__: f for f in (near_mirror, singular, in_plane, negative, few, one, black, wide_range)}
 
 
-@pytest.mark.parametrize("reciprocal", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", CASES)
+QUICK = [("singular", False), ("black", False)]
+ALL = [(name, reciprocal) for name in CASES for reciprocal in (False, True)]
+
+
+@pytest.mark.parametrize(
+    "name, reciprocal", [c if c in QUICK else pytest.param(*c, marks=pytest.mark.slow) for c in ALL]
+)
 def test_fit_of_stiff_samples(llvm, name, reciprocal):
-    mi.set_variant("llvm_ad_rgb")
     m = CASES[name]()
     if name == "negative":
         assert 0.25 < m.clamped_fraction < 0.4  # 0.32 is the worst of the real files

@@ -10,11 +10,11 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from planted import first_change
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 
@@ -28,9 +28,6 @@ from mi_enhance.hypercube.stages import candidates_of
 from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.system.progress import Progress
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from planted import first_change  # noqa: E402
 
 # Networks that train in a moment; the code is the same. Two slots are free: four candidates in two stages.
 SMALL = {
@@ -169,7 +166,7 @@ class StopError(Exception):
     pass
 
 
-@pytest.mark.parametrize("after", [1, 40, 70, 120])
+@pytest.mark.parametrize("after", [40, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 70, 120))])
 def test_an_interrupted_search_ends_the_same(llvm, finished, tmp_path, monkeypatch, after):
     """Stopped in the middle of a candidate, after some training step; then once more."""
     folder = tmp_path / "run"
@@ -194,6 +191,7 @@ def same(found, folder, finished):
     np.testing.assert_array_equal(weights(folder), weights(finished[0]))
 
 
+@pytest.mark.slow
 def test_processes_find_the_same(finished, tmp_path):
     pool = ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
     with pool:

@@ -43,9 +43,10 @@ def photographed(scene, *, n=3, resolution=24, depth=2, spp=256):
     return render_views(scene, cameras, spp=spp, max_depth=depth)
 
 
-@pytest.fixture
-def paint(llvm):
+@pytest.fixture(scope="module")
+def paint():
     """Photographs of a painted ball."""
+    mi.set_variant("llvm_ad_rgb")
     return photographed(ball(Material.analytic("ggx").edit(**PAINT).bsdf()))
 
 
@@ -197,6 +198,7 @@ def test_brightness_of_the_light_is_found(paint):
     np.testing.assert_allclose(found.values["ball.bsdf.rho_d"], PAINT["rho_d"], atol=0.05)
 
 
+@pytest.mark.slow
 def test_texels_are_unknowns(llvm):
     texels = np.array([[[0.7, 0.2, 0.1], [0.1, 0.6, 0.2]], [[0.2, 0.2, 0.8], [0.6, 0.6, 0.1]]])
     matte = Material.analytic("ggx").edit(rho_s=0.0)
@@ -219,6 +221,7 @@ def test_two_materials_at_once(llvm):
         np.testing.assert_allclose(found.materials[name].params["rho_d"], red.params["rho_d"], atol=0.05)
 
 
+@pytest.mark.slow
 def test_same_seed_same_fit(paint):
     def run(seed):
         scene = ball(Material.analytic("ggx").bsdf())
@@ -278,6 +281,7 @@ XML = """<scene version="3.0.0">
 </scene>"""
 
 
+@pytest.mark.slow
 def test_command_line(llvm, tmp_path, capsys):
     network = Material.analytic("ggx").edit(rho_s=0.0)
     network.save(tmp_path / "start.bsdf")

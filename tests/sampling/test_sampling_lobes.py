@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import twin
-from test_plugin_sampling import view
+from plugin_scenes import cells, view
 
 from mi_enhance import models
 from mi_enhance.material.material import Material
@@ -48,15 +48,6 @@ def density(wi, wo, p, shares):
 
 def floats(shares):
     return [mi.Float(v) for v in shares]
-
-
-def cells(n_z, n_phi, inside):
-    """Midpoints (n_z * n_phi * inside^2, 3) of cells of equal solid angle, those of one cell in a row."""
-    z = (np.arange(n_z * inside) + 0.5) / (n_z * inside)
-    phi = (np.arange(n_phi * inside) + 0.5) / (n_phi * inside) * 2 * np.pi
-    z, phi = (v.reshape(n_z, inside, n_phi, inside).swapaxes(1, 2).ravel() for v in np.meshgrid(z, phi, indexing="ij"))
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(phi), r * np.sin(phi), z], -1)
 
 
 # --- density ----------------------------------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import drjit as dr
 import pytest
 
@@ -68,6 +70,28 @@ def test_own_setting_that_cannot_work_is_refused(tmp_path, monkeypatch, name, me
         (tmp_path / name).write_bytes(b"not a library")
     monkeypatch.setenv(llvm.VARIABLE, str(tmp_path / name))
     with pytest.raises(ImportError, match=message):
+        llvm._choose()
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda p: p.mkdir(), r'" is a folder, and holds no libLLVM\. Name a library\. Unset'),
+        (
+            lambda p: (p.mkdir(), (p / "libLLVM-19.so").touch()),
+            r'" is a folder\. Name the library in it, ".*x/libLLVM-19\.so"',
+        ),
+        (lambda p: p.symlink_to("gone"), r'" is a link to a file that does not exist\. Unset'),
+        (lambda p: os.mkfifo(p), r'" is no file\. Unset'),
+        (lambda p: p.write_text("text"), r'" cannot be loaded as an LLVM library\. Unset'),
+    ],
+    ids=["folder", "folder of the library", "link", "pipe", "text"],
+)
+def test_own_setting_that_is_no_library_says_what_it_is(tmp_path, monkeypatch, make, message):
+    path = tmp_path / "x"
+    make(path)
+    monkeypatch.setenv(llvm.VARIABLE, str(path))
+    with pytest.raises(ImportError, match=f'DRJIT_LIBLLVM_PATH=".*x{message}'):
         llvm._choose()
 
 

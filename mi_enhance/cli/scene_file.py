@@ -1,0 +1,62 @@
+"""Load the scene that a command names, with values for its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from ..system.files import require_file
+
+
+def load_scene(mi: Any, name: str, where: str, define: Iterable[tuple[str, str]], material: Path | None = None) -> Any:
+    """Load a scene as Mitsuba does, but leave equal objects apart.
+
+    Two materials that start equal are two materials for a fit: Mitsuba's optimization would make them one.
+
+    Parameters
+    ----------
+    mi : module
+        Mitsuba, with a variant.
+    name : str
+        Path of the ``.xml``.
+    where : str
+        Start of error messages.
+    define : iterable of (str, str)
+        Values of its parameters. The name of a file that exists is meant from where the user stands, not from where
+        the scene lies.
+    material : Path, optional
+        For its parameter ``$material``, if it has one, wherever that is: an included file, a default.
+
+    Returns
+    -------
+    mi.Scene
+    """
+    file = require_file(name, where)
+    values = {key: _from_here(value) for key, value in define}
+
+    def load(**values: str) -> Any:
+        return mi.load_file(str(file), optimize=False, **values)
+
+    if material is None or "material" in values:
+        scene = load(**values)
+    else:
+        try:
+            scene = load(**values, material=str(material))
+        except RuntimeError as error:  # Mitsuba reads the whole scene before it says that a parameter is not used
+            if "unused parameters" not in str(error) or "- $material=" not in str(error):
+                raise
+            scene = load(**values)
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(f"{where}: this is no scene. Its outermost element must be <scene>.")
+    return scene
+
+
+def _from_here(value: str) -> str:
+    try:
+        float(value)
+    except ValueError:
+        path = Path(value)
+        # "diffuse" is the type of a BSDF, even where there is a file of that name
+        return str(path.absolute()) if (path.suffix or len(path.parts) > 1) and path.is_file() else value
+    return value

@@ -1,0 +1,83 @@
+"""The readers of measured files: each registers itself in the file it stands in.
+
+A new reader is one new file in this folder::
+
+    @reader("mine", about="Mine .mine", suffixes=(".mine",), magic=b"MINE")
+    def read(path, *, n_samples, seed) -> Measurements: ...
+
+All modules of the folder are imported when a reader is first looked for, not when the package is. So a reader imports
+what is heavy or optional inside of its functions, as RGL's does with Mitsuba.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from .measurements import Measurements
+
+
+@dataclass(frozen=True)
+class Reader:
+    """What reads one kind of file.
+
+    Parameters
+    ----------
+    kind : str
+        What `kind=` names it.
+    about : str
+        Name of the kind and its files, for messages.
+    read : callable
+        ``read(path, *, n_samples, seed) -> Measurements``; of a collection ``read(path, index, *, n_samples, seed)``.
+    suffixes : tuple of str
+        In lower case. They decide where the content says nothing.
+    magic : bytes
+        How its files begin, at most 12 bytes; nothing if they have no such mark.
+    arrays : tuple of str
+        What a ``.npz`` of this kind holds, at least.
+    names : callable, optional
+        ``names(path) -> list of str``, the materials in a collection; None if a file holds one material.
+    """
+
+    kind: str
+    about: str
+    read: Callable[..., Measurements]
+    suffixes: tuple[str, ...] = ()
+    magic: bytes = b""
+    arrays: tuple[str, ...] = ()
+    names: Callable[[str | Path], list[str]] | None = None
+
+
+_readers: dict[str, Reader] = {}
+
+
+def reader(kind: str, *, about: str, **how) -> Callable:
+    """Register the decorated function as the reader of a kind of file; the arguments are those of :class:`Reader`.
+
+    Examples
+    --------
+    >>> list(readers())
+    ['merl', 'nbrdf', 'nps', 'rgl', 'table']
+    """
+
+    def register(read: Callable[..., Measurements]) -> Callable[..., Measurements]:
+        _readers[kind] = Reader(kind, about, read, **how)
+        return read
+
+    return register
+
+
+def readers() -> Mapping[str, Reader]:
+    """Return all readers by their kind, in alphabetical order."""
+    _import_all()
+    return dict(sorted(_readers.items()))
+
+
+@functools.cache
+def _import_all() -> None:
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)], f"{__package__}."):
+        importlib.import_module(module.name)
