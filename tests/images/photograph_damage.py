@@ -95,7 +95,9 @@ def samples(folder: Path) -> dict[str, bytes]:
     compressions = ("NO", "RLE", "ZIPS", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB")
     tiles = {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
     return {
-        **{f"{c}.exr": exr(path, {"RGB": wide}, compression=getattr(OpenEXR, f"{c}_COMPRESSION")) for c in compressions},
+        **{
+            f"{c}.exr": exr(path, {"RGB": wide}, compression=getattr(OpenEXR, f"{c}_COMPRESSION")) for c in compressions
+        },
         "zip.exr": exr(path, {"RGBA": np.concatenate([rgb, rgb[..., :1]], 2), "Z": rgb[..., 0].copy()}),
         "half.exr": exr(path, {"RGB": rgb.astype(np.float16)}),
         "tiled.exr": exr(path, {"RGB": wide}, **tiles),

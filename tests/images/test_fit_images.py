@@ -75,7 +75,7 @@ def test_wrong_calls_are_refused_before_anything_is_rendered(paint):
         "unknowns is empty": lambda: fit_images(scene, paint, unknowns=[]),
         'has split "train"': lambda: fit_images(scene, paint[-1:]),
         "two views have the same name": lambda: fit_images(scene, paint + paint),
-        "must be positive integers": lambda: fit_images(scene, paint, stages=[(1, 0, 5)]),
+        "must be a positive integer": lambda: fit_images(scene, paint, stages=[(1, 0, 5)]),
         "stages is empty": lambda: fit_images(scene, paint, stages=[]),
         "lr = -1": lambda: fit_images(scene, paint, lr=-1),
         "max_depth is 1": lambda: fit_images(scene, paint, max_depth=1),
@@ -158,7 +158,7 @@ def test_views_of_several_sizes_are_rendered_in_groups(paint):
 def test_fit_explains_views_it_has_not_seen(paint, tmp_path):
     scene = ball(Material.analytic("ggx").bsdf())
     losses = []
-    found = fit_images(scene, paint, callback=lambda *a: losses.append(a[2]), preview=tmp_path, **SHORT)
+    found = fit_images(scene, paint, progress=lambda p: losses.append(p.values["loss"]), preview=tmp_path, **SHORT)
     report = found.report
     assert report["mean_abs_log"]["test"] < NOISE and report["mean_abs_log"]["train"] < NOISE
     assert report["nonfinite_gradients"] == report["nonfinite_pixels"] == 0 and report["n_unknowns"] == 10
