@@ -54,7 +54,9 @@ def _target(views: list[View]) -> Target:
         sensor,
         mi.TensorXf(np.maximum(np.concatenate([v.image for v in views], 1), 0)),
         mi.TensorXf((mask / mask.sum()).astype(np.float32)),
-        mi.TensorXb(np.concatenate([v.saturated for v in views], 1)),
+        mi.TensorXb(  # type: ignore[operator]  # a class, which Mitsuba's stubs do not know
+            np.concatenate([v.saturated for v in views], 1)
+        ),
     )
 
 

@@ -98,7 +98,7 @@ def samples(folder: Path) -> dict[str, bytes]:
         **{
             f"{c}.exr": exr(path, {"RGB": wide}, compression=getattr(OpenEXR, f"{c}_COMPRESSION")) for c in compressions
         },
-        "zip.exr": exr(path, {"RGBA": np.concatenate([rgb, rgb[..., :1]], 2), "Z": rgb[..., 0].copy()}),
+        "zip.exr": exr(path, {"RGBA": np.concatenate([rgb, np.ones_like(rgb[..., :1])], 2), "Z": rgb[..., 0].copy()}),
         "half.exr": exr(path, {"RGB": rgb.astype(np.float16)}),
         "tiled.exr": exr(path, {"RGB": wide}, **tiles),
         "overscan.exr": exr(path, {"RGB": rgb}, dataWindow=window(-2, -1, 9, 7), displayWindow=window(0, 0, 5, 4)),
@@ -200,7 +200,7 @@ def attempt(folder: Path, name: str) -> str:
 
 
 def run(folder: Path, names: list[str], inputs: int, seed: int) -> dict[str, float]:
-    """Read `inputs` damaged copies of each sample; the one that is read is in the folder, and its number in ``tried``."""
+    """Read `inputs` damaged copies of each sample; the last one is in the folder, and its number in ``tried``."""
     mi.set_variant("llvm_ad_rgb")
     intact, result = samples(folder), {"tried": 0, "read": 0, "refused": 0, "wrong": 0}
     for name in names or intact:
