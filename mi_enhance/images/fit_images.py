@@ -159,7 +159,7 @@ def fit_images(
         own, rates = rates[:steps], rates[steps:]
         go(f"stage {k + 1} of {len(stages)}", targets, spp, own, round(_LATE * steps) if k == 0 else 0)
     descent.settle()
-    settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": max_depth, "seed": seed}
+    settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": int(max_depth), "seed": seed}
     return result(descent, placed, views, visibility.undetermined(descent, small, seed), settings, start)
 
 

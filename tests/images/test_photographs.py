@@ -322,8 +322,6 @@ def test_what_was_read_is_written_and_read_again(read, tmp_path):
 def test_photographs_are_made_smaller_as_they_are_read(read, tmp_path):
     view = read("a.png", eight_bits(128))
     small = read_views(tmp_path, factor=np.int64(2))[0]
-    assert (
-        small.size == (WIDTH // 2, HEIGHT // 2) and dataclasses.asdict(small).keys() == dataclasses.asdict(view).keys()
-    )
+    assert small.size == (WIDTH // 2, HEIGHT // 2) and small.name == view.name
     with pytest.raises(ValueError, match="positive integer"):
         read_views(tmp_path, factor=0)
