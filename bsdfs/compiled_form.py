@@ -77,7 +77,7 @@ class CompiledForm:
     def fold(self, constants: Mapping, textured: Collection[str]) -> None:
         """Fold the parameters that are constant over the surface; `textured` are the names of the others."""
         self.folded = self.begun = None
-        if not set(textured) & set(self.brdf.read_by_networks):
+        if not set(textured) & set(self.brdf.read_by_modules):
             self.folded = self.brdf.fold(constants, self._stored)
             dr.make_opaque(self.folded)
         else:
@@ -91,14 +91,14 @@ class CompiledForm:
         if dr.grad_enabled([params[name] for name in form.left_out]):
             form = self._full  # optimized since the last update: nothing may be missing
         folded = self.folded
-        if dr.grad_enabled([params[name] for name in form.brdf.read_by_networks if name in constant]):
+        if dr.grad_enabled([params[name] for name in form.brdf.read_by_modules if name in constant]):
             folded = form.brdf.fold(params, form.evaluators)
         elif folded is None:  # what is the same everywhere has been folded before
             varying = self._parts({name: params[name] for name in textured})
             folded = form.brdf.fold(varying, form.evaluators, self.begun)
         return form, folded
 
-    def _parts(self, known: Mapping) -> dict:
+    def _parts(self, known: dict) -> dict:
         """Return all parameters, unknown but for those given, as :meth:`EnhancedBRDF.begin_fold` takes them."""
-        unknown = {p.name: [None] * p.size if p.is_colour or p.name == "latent" else None for p in self.brdf.parameters}
+        unknown: dict = {p.name: None if p.kind == "scalar" else [None] * p.size for p in self.brdf.parameters}
         return unknown | known

@@ -100,6 +100,8 @@ exchanged.
 Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
 """
 
+# Where types are ignored, the name is missing in Mitsuba's stubs, or of another type there.
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -142,10 +144,9 @@ class Enhanced(mi.BSDF):
         self.m_energy = bool(props.get("energy", self.m_material.bound_energy))
         if self.m_energy:
             self.m_parameters.check_uniform(where)
-        self.m_lobe_albedo = mi.Float(self.m_material.lobe_albedo)
-        mixture = self.m_material.mixture
-        self.m_scales = [mi.Float(c) for c in mixture.scales] if mixture else []
-        self.m_albedos = mi.Float(np.ravel(mixture.albedos)) if mixture else mi.Float(0)
+        mixture = self.m_material.sampled_by
+        self.m_scales = [mi.Float(c) for c in mixture.scales]
+        self.m_albedos = mi.Float(np.ravel(mixture.albedos))
         # What a parameter without effect is multiplied by: data, for a literal 0 would take its gradient away.
         self.m_zero = mi.Float(0)
         dr.make_opaque(self.m_scales, self.m_albedos, self.m_zero)
@@ -183,22 +184,15 @@ class Enhanced(mi.BSDF):
         self.m_compiled.choose(self.m_parameters.values, keys)
         left_out = self.m_compiled.form.left_out
         self.m_parameters.update(left_out)
-        dr.make_opaque(self.m_lobe_albedo)
         # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
         constants = dr.detach(self.m_parameters.constants())
         self.m_compiled.fold(constants, self.m_parameters.textures)
-        self.m_shares = None
-        if not self.m_parameters.textures and not self.m_scales:
-            present = {name: v for name, v in constants.items() if name not in left_out}
-            self.m_shares = lobe_mixture.shares(present, self.m_lobe_albedo, self.m_material.brdf.model)
-            dr.make_opaque(self.m_shares)
         if self.m_energy:
             # a colour from a scene is a texture, too
             params = dr.detach(self.m_parameters.at(dr.zeros(mi.SurfaceInteraction3f), True))
             params = {name: v for name, v in params.items() if name not in left_out}
-            brdf = self.m_compiled.form.brdf
-            shares = lobe_mixture.shares(params, self.m_lobe_albedo, brdf.model)
-            self.m_bound = energy_bound.table(brdf, params, shares)
+            lobe_albedo = dr.opaque(mi.Float, self.m_material.lobe_albedo)
+            self.m_bound = energy_bound.table(self.m_compiled.form.brdf, params, lobe_albedo)
 
     def _prepare(self, si: mi.SurfaceInteraction3f, active) -> tuple[Form, dict, dict, dict]:
         """Return what is evaluated, the parameters it reads at the hit point, all of them, and what is folded."""
@@ -211,8 +205,8 @@ class Enhanced(mi.BSDF):
 
     def _active(self, ctx, si, active):
         if not any(ctx.is_enabled(f, 0) for f in (mi.BSDFFlags.DiffuseReflection, mi.BSDFFlags.GlossyReflection)):
-            return mi.Mask(False)
-        return mi.Mask(active) & (mi.Frame3f.cos_theta(si.wi) > 0)
+            return mi.Mask(False)  # type: ignore[operator]
+        return mi.Mask(active) & (mi.Frame3f.cos_theta(si.wi) > 0)  # type: ignore[operator]
 
     def _eval(self, ctx, si, wo, prepared, active):
         """Return f cos of the light for the unpolarized spectrum of the variant."""
@@ -231,12 +225,8 @@ class Enhanced(mi.BSDF):
     def _mixture(self, si, form, params) -> tuple[Model, list]:
         """The model whose lobes are sampled, and their probabilities."""
         model = form.brdf.model
-        if self.m_scales:
-            shares = lobe_mixture.shares_at(si.wi.z, params, self.m_albedos, model)
-            return lobe_mixture.scaled(model, list(enumerate(self.m_scales))), shares
-        # from the last update where they cannot have changed
-        known = form is self.m_compiled.form and self.m_shares is not None and not dr.grad_enabled(params)
-        return model, self.m_shares if known else lobe_mixture.shares(params, self.m_lobe_albedo, model)
+        shares = lobe_mixture.shares_at(si.wi.z, params, self.m_albedos, model)
+        return lobe_mixture.scaled(model, list(enumerate(self.m_scales))), shares
 
     def _pdf(self, si, wo, prepared, active):
         form, params, *_ = prepared
@@ -266,9 +256,9 @@ class Enhanced(mi.BSDF):
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
         bs.pdf = self._pdf(si, bs.wo, prepared, active)
         active &= bs.pdf > 0
-        bs.eta = 1
-        bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))
-        bs.sampled_component = mi.UInt32(0)
+        bs.eta = 1  # type: ignore[assignment]
+        bs.sampled_type = mi.UInt32(int(mi.BSDFFlags.GlossyReflection))  # type: ignore[assignment]
+        bs.sampled_component = mi.UInt32(0)  # type: ignore[assignment]
         value = self._eval(ctx, si, bs.wo, prepared, active)
         return bs, _depolarized(dr.select(active, value / bs.pdf, 0))
 

@@ -6,7 +6,10 @@ from collections.abc import Callable
 
 import mitsuba as mi
 
+from mi_enhance._moved import names_of
 from mi_enhance.material.material import Material
+
+__getattr__ = names_of("bsdfs.function")  # the names of version 0.1
 
 
 def function_bsdf(f: Callable, lobe: Material) -> mi.BSDF:

@@ -1,9 +1,12 @@
 """The parameters of the plugin: values and textures that a scene gives, else those of the material, held in range."""
 
+# Where types are ignored, the name is missing in Mitsuba's stubs, or of another type there.
+
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Iterator, Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -27,7 +30,7 @@ class LatentMap(mi.Texture):
     def __init__(self, data: mi.TensorXf, filter_type: str, wrap_mode: str, to_uv: mi.ScalarTransform3f):
         super().__init__(mi.Properties())
         # Not in texture memory, which a GPU has for up to four channels, and whose values have no gradients.
-        self.m_texture = mi.Texture2f(
+        self.m_texture = mi.Texture2f(  # type: ignore[operator]
             data, use_accel=False, migrate=False, filter_mode=_FILTERS[filter_type], wrap_mode=_WRAPS[wrap_mode]
         )
         self.m_to_uv = to_uv
@@ -43,7 +46,7 @@ class LatentMap(mi.Texture):
         """All of them at the hit point."""
         m, (u, v) = self.m_to_uv.matrix, si.uv
         uv = mi.Point2f(*(m[k, 0] * u + m[k, 1] * v + m[k, 2] for k in range(2)))
-        return self.m_texture.eval(uv, active)
+        return list(self.m_texture.eval(uv, active))
 
     def is_spatially_varying(self):
         return True
@@ -77,27 +80,28 @@ class SceneParameters:
         For error messages.
     """
 
-    values: dict[str, mi.Float]  # as they were put in
-    textures: dict[str, mi.Texture]
-    inside: dict[str, mi.Float]  # the values held in range, of the last update
+    values: dict[str, Any]  # as they were put in
+    textures: dict[str, Any]
+    inside: dict[str, Any]  # the values held in range, of the last update
     spectra: dict[str, tuple[mi.Texture, float]]  # the colours among the values, in spectral variants
 
-    def __init__(self, props: mi.Properties, material: Material, where: str):
+    def __init__(self, props: Any, material: Material, where: str):
         self._parameters = {p.name: p for p in material.brdf.parameters}
         # a specialized material has them in the weights of its own network
-        self._hidden = {n for n in self._parameters if n == "latent" or n.startswith("norm_")}
+        self._hidden = {n for n, p in self._parameters.items() if p.kind == "latent" or n.startswith("norm_")}
         self._hidden = self._hidden if material.brdf.distilled else set()
         self._colours = [p.name for p in material.brdf.parameters if p.is_colour]
         self.values, self.textures, self.inside, self.spectra = {}, _maps(props, material), {}, {}
         for p in material.brdf.parameters:
             self._read(props, p, material.params[p.name], where)
 
-    def _read(self, props: mi.Properties, p: Parameter, value: np.ndarray, where: str) -> None:
+    def _read(self, props: Any, p: Parameter, value: np.ndarray, where: str) -> None:
         """Take a parameter from the scene, else from the maps, else `value`, the material's."""
-        if p.name in props and p.name != "latent":
+        if p.name in props and p.kind != "latent":
             self.textures.pop(p.name, None)
             given = props[p.name]
-            is_spectrum = p.name in self._colours and props.type(p.name) == mi.Properties.Type.Spectrum
+            spectrum = mi.Properties.Type.Spectrum  # type: ignore[attr-defined]
+            is_spectrum = p.name in self._colours and props.type(p.name) == spectrum
             if is_spectrum or isinstance(given, mi.Texture):
                 self.textures[p.name] = props.get_unbounded_texture(p.name)
                 return
@@ -142,14 +146,17 @@ class SceneParameters:
         self.inside = {name: held(self._parameters[name], dr.detach(v)) for name, v in self.values.items()}
         dr.make_opaque({name: v for name, v in self.inside.items() if name not in left_out})
         if mi.is_spectral:
-            self.spectra = {name: _upsample(self.inside[name]) for name in self._colours if name in self.values}
+            self.spectra = {
+                name: _upsample(mi.Color3f(self.inside[name])) for name in self._colours if name in self.values
+            }
 
     def constants(self) -> dict:
         """Return the parameters that are the same everywhere, with RGB colours, held in range."""
         result = {}
         for name, value in self.values.items():
-            v = value if dr.grad_enabled(value) else self.inside[name]
-            if name == "latent":  # apart before anything else: within a symbolic call lanes of their own are gathered
+            v: Any = value if dr.grad_enabled(value) else self.inside[name]
+            # latent numbers apart before anything else: within a symbolic call lanes of their own are gathered
+            if self._parameters[name].kind == "latent":
                 v = [dr.gather(mi.Float, v, k) for k in range(len(v))]
             result[name] = held(self._parameters[name], v) if dr.grad_enabled(value) else v
         return result
@@ -158,7 +165,7 @@ class SceneParameters:
         """Return all parameters at a hit point, with RGB colours, held in range: roughness 0 would give NaN."""
         params = self.constants()
         for name, texture in self.textures.items():
-            if name == "latent":
+            if self._parameters[name].kind == "latent":
                 value = texture.numbers(si, active)
             else:
                 value = _rgb(texture, si, active) if name in self._colours else texture.eval_1(si, active)
@@ -180,32 +187,32 @@ class SceneParameters:
                 colours[name] = texture.eval(si, active) * scale
         return {**params, **colours}
 
-    def with_gradients(self, params: Mapping) -> Iterator[mi.Float]:
+    def with_gradients(self, params: Mapping) -> Iterator[Any]:
         """Yield a number of each of the parameters of :meth:`at` that have gradients: the sum of its own."""
         for name, v in params.items():
             if name not in self.spectra and dr.grad_enabled(v):
                 yield sum(v) if isinstance(v, (list, mi.Color3f)) else v
 
 
-def material_of(props: mi.Properties) -> Material:
+def material_of(props: Any) -> Material:
     """Return the material of a file, or of the arrays of ``Material.to_dict()``."""
     if "filename" in props:
         if "weights" in props:
             raise ValueError('bsdf "enhanced": give filename or weights, not both.')
-        return Material.load(str(mi.file_resolver().resolve(props["filename"])))
+        return Material.load(str(mi.file_resolver().resolve(props["filename"])))  # type: ignore[operator]
     if "description" not in props:
         raise ValueError('bsdf "enhanced": the parameter "filename" is missing. Name a file made by mi-enhance fit.')
     return Material.from_arrays(props["description"], props["params"], props["weights"])
 
 
-def evaluators_of(props: mi.Properties) -> type:
+def evaluators_of(props: Any) -> type:
     """Return the class that evaluates the networks: asked for, or the faster one of the backend."""
     kinds = {"baked": baked.Baked, "cooperative": cooperative.Cooperative}
     default = "cooperative" if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else "baked"
     return kinds[_choice(props, "evaluators", default, kinds)]
 
 
-def _maps(props: mi.Properties, material: Material) -> dict[str, mi.Texture]:
+def _maps(props: Any, material: Material) -> dict[str, Any]:
     """Textures of the parameters that vary: from a file, or from the arrays of ``MaterialMaps.to_dict()``."""
     if "maps" not in props:
         return {}
@@ -218,10 +225,10 @@ def _maps(props: mi.Properties, material: Material) -> dict[str, mi.Texture]:
     # in the precision of a bitmap's own, which `mi.traverse` can assign to
     to_uv = mi.ScalarTransform3f(props.get("to_uv", mi.ScalarTransform4f()).extract().matrix)
     if isinstance(props["maps"], str):
-        maps = MaterialMaps.load(str(mi.file_resolver().resolve(props["maps"])), material)
+        maps = MaterialMaps.load(str(mi.file_resolver().resolve(props["maps"])), material)  # type: ignore[operator]
     else:
         maps = MaterialMaps.from_arrays(material, props["channels"], np.array(props["maps"]))
-    result = {}
+    result: dict[str, Any] = {}
     for name, values in maps.maps.items():
         data = mi.TensorXf(values)
         if name == "latent":
@@ -232,7 +239,7 @@ def _maps(props: mi.Properties, material: Material) -> dict[str, mi.Texture]:
     return result
 
 
-def _choice(props: mi.Properties, key: str, default: str, choices: Collection[str]) -> str:
+def _choice(props: Any, key: str, default: str, choices: Collection[str]) -> str:
     """Return the property `key`, one of `choices`."""
     name = props.get(key, default)
     if name not in choices:

@@ -78,7 +78,7 @@ MODULES = {
     "scene": "evaluation.scenes",
     "search": "hypercube.search hypercube.settings output.pareto",
     "search_picture": "hypercube.picture",
-    "search_view": "hypercube.live_table",
+    "search_view": "cli.live_table",
     "specialize": "specialization.specialize",
     "state": "hypercube.states",
     "surface": "fitting.texel_batches",
@@ -95,6 +95,8 @@ MODULES = {
 # old name: new name, where that changed, too
 NAMES = {
     "_llvm.Found": "system.llvm.LLVMLibrary",
+    "bsdfs.function.of_function": "bsdfs.function.function_bsdf",
+    "bsdfs.function.reflectance": "evaluation.reflectance.reflectance",
     "compact.Compact": "neural.distilled_network.DistilledNetwork",
     "demo.demo": "cli.demo.make_demo",
     "doctor.show": "cli.doctor_table.print_report",

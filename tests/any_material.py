@@ -19,7 +19,7 @@ def materials(model, n, seed=0, usual=USUAL):
     rng = np.random.default_rng(seed)
     result = {}
     for p in model.parameters:
-        low, high = usual.get(p.name, (p.low, p.high))
+        low, high = usual.get(p.name, usual.get(p.name.split("_")[0], (p.low, p.high)))  # norm_F: norm
         to, back = (np.log, np.exp) if p.log else (np.array, np.array)
         result[p.name] = back(rng.uniform(to(low), to(high), (n, p.size)))
     return {name: v.astype(np.float32).astype(np.float64) for name, v in result.items()}

@@ -247,7 +247,7 @@ class Errors:
 
 def errors(material: Material, case: Case, n: int, n_gradients: int, seed: int) -> Errors:
     """Compare n values, and the derivatives of the first `n_gradients` of them, with the twin."""
-    brdf, f, evaluators = material.brdf, twin_of(material), lanes.fused(material.brdf)
+    brdf, f, evaluators = material.brdf, twin_of(material), lanes.fused(material.brdf.modules)
     wi, wo, params = draw(case, brdf, n, seed)
     dr.eval(wi, wo, params)
     got, slopes = gradients(brdf, evaluators, wi, wo, params)

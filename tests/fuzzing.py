@@ -190,7 +190,7 @@ READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
         lambda p: Material.from_arrays(p.read_text(errors="replace"), *map(_material().to_dict().get, _ARRAYS)),
     ),
     "maps": ("x.exr", _write_maps, lambda p: MaterialMaps.load(p, _material())),
-    "model .toml": ("x.toml", ROOT / "docs/ashikhmin_shirley.toml", models.get),
+    "model .toml": ("x.toml", ROOT / "docs/ashikhmin_shirley.toml", models.from_toml),
     "training set": ("x.npz", _write_set, TrainingSet.read),
     "sources .json": ("x.json", lambda p: p.write_text(json.dumps(_SOURCES)), _jobs),
     "checkpoint": ("x.npz", _write_checkpoint, lambda p: inheritance.restore(_checkpoint(), p)),

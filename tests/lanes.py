@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 
-import drjit as dr  # isort: skip
-import mitsuba as mi
+import mitsuba as mi  # isort: skip
 import numpy as np
 
-from mi_enhance.neural.trainable import Trainable
+from mi_enhance.neural.trainable import fused
 
 
 def vectors(w):
@@ -30,15 +29,8 @@ def parameters(p):
     return result
 
 
-def fused(brdf):
-    """Evaluators that compile in a second whatever the weights: a trainable network without gradients."""
-    trainable = Trainable(brdf.modules)
-    dr.disable_grad(trainable.weights)
-    return trainable
-
-
 def evaluate(brdf, wi, wo, p, evaluators=None):
-    """f_r as an array (N, 3), float64."""
-    evaluators = fused(brdf) if evaluators is None else evaluators
+    """f_r as an array (N, 3), float64, with parameters of each lane; ``Material.evaluate`` has one set for all."""
+    evaluators = fused(brdf.modules) if evaluators is None else evaluators
     f = brdf(vectors(wi), vectors(wo), parameters(p), evaluators)
     return np.array(f, np.float64).T

@@ -1,6 +1,7 @@
-"""Analytic terms that can stand in for one another, so that parts of several models compete at a slot.
+"""Models in which other analytic terms stand in some slots, so that parts of several models compete at a slot.
 
-The paper leaves this to future work (section 3, last paragraph); :mod:`mi_enhance.hypercube.search` tries them beside networks.
+The paper leaves this to future work (section 3, last paragraph); :mod:`mi_enhance.hypercube.search` tries them beside
+modules.
 """
 
 from __future__ import annotations
@@ -11,72 +12,16 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from . import geometry, terms
-from . import parameters as p
-from .models.abc import alpha_of_abc
+from . import geometry
+from .lobes import Lobe, of_slot
 from .models.model import Model, renamed
+from .terms.registry import ALTERNATIVES, Alternative, get
 
-
-@dataclasses.dataclass(frozen=True)
-class Alternative:
-    """An analytic term, and what it needs to take another's place.
-
-    Parameters
-    ----------
-    term : callable
-        From :mod:`mi_enhance.analytic.terms`.
-    parameters : tuple of Parameter
-        Those it may bring along.
-    start : callable
-        ``start(values) -> dict``: values of these parameters with which it resembles the usual term of the slot most,
-        from the values of the model's own, arrays (M,).
-    roughness : callable, optional
-        ``roughness(params) -> alpha`` of the GGX lobe that covers it, if its width is not alpha_x, alpha_y.
-    """
-
-    term: Callable
-    parameters: tuple[p.Parameter, ...] = ()
-    start: Callable[[Mapping], dict] = lambda values: {}
-    roughness: Callable | None = None
-
-
-def _abc_like_ggx(values: Mapping) -> dict:
-    """1 + B x = 1 + (1/alpha^2 - 1) sin^2(theta_h) for small angles."""
-    return {"B": 2 * (1 / (values["alpha_x"] * values["alpha_y"]) - 1), "C": np.full_like(values["alpha_x"], 2)}
-
-
-def _ior_of_f0(values: Mapping) -> dict:
-    root = np.sqrt(np.clip(values["F0"], 0, 0.96))  # 0.96: an index of 100, where the range of `ior` ends
-    return {"ior": (1 + root) / (1 - root)}
-
-
-ALTERNATIVES = {
-    "D_ggx": Alternative(terms.D_ggx),
-    "D_beckmann": Alternative(terms.D_beckmann),
-    "D_ward": Alternative(terms.D_ward),
-    "D_abc_normalised": Alternative(
-        terms.D_abc_normalised, (p.ABC_B, p.ABC_C), _abc_like_ggx, lambda q: alpha_of_abc(q["B"], q["C"])
-    ),
-    "F_schlick": Alternative(terms.F_schlick, (p.F0,), lambda values: {"F0": np.full_like(values["alpha_x"], 0.04)}),
-    "F_cook_torrance": Alternative(terms.F_cook_torrance, (p.F0,)),
-    "F_dielectric": Alternative(terms.F_dielectric, (p.IOR,), _ior_of_f0),
-    "G_smith_ggx": Alternative(terms.G_smith_ggx),
-    "G_v_cavity": Alternative(terms.G_v_cavity),
-    "inv_E": Alternative(terms.inv_E),
-    "inv_E_pi": Alternative(terms.inv_E_pi),
-    "inv_E_ward": Alternative(terms.inv_E_ward),
-}
-
-
-def get(name: str) -> Alternative:
-    """Return the alternative called `name`; KeyError with the choices if there is none."""
-    if name not in ALTERNATIVES:
-        raise KeyError(f'alternatives: unknown term "{name}". Choose one of: {", ".join(ALTERNATIVES)}.')
-    return ALTERNATIVES[name]
+__all__ = ["ALTERNATIVES", "Alternative", "get", "own_names", "start", "with_terms"]
 
 
 def with_terms(model: Model, chosen: Mapping[str, str]) -> Model:
-    """The model with other analytic terms in some slots.
+    """Return the model with other analytic terms in some slots.
 
     Parameters
     ----------
@@ -103,7 +48,7 @@ def with_terms(model: Model, chosen: Mapping[str, str]) -> Model:
     M + S * D_beckmann * F_dielectric * G * 1/E
     """
     for slot, name in chosen.items():
-        model = _with_term(model, slot, get(name), name)
+        model = _with_term(model, slot, get(name, slot), name)
     return dataclasses.replace(model, terms={**model.terms, **chosen})
 
 
@@ -123,7 +68,7 @@ def _with_term(model: Model, slot: str, alternative: Alternative, name: str) -> 
     graph = model.graph.exchange(renamed(slot, alternative.term, own, name))
     lobes = model.lobes
     if alternative.roughness:
-        lobes = _lobes_with(model.lobes, 1 if slot.endswith("2") else 0, alternative, own)
+        lobes = _lobes_with(model.lobes, of_slot(slot), alternative.roughness, own)
     return dataclasses.replace(
         model,
         graph=graph,
@@ -134,21 +79,33 @@ def _with_term(model: Model, slot: str, alternative: Alternative, name: str) -> 
 
 
 def own_names(model: Model, slot: str, alternative: Alternative) -> dict[str, str]:
-    """What the arguments of a term are called in the model: those of a second lobe end in 2, if there are such."""
-    names = list(inspect.signature(alternative.term).parameters)
-    if not slot.endswith("2"):
-        return {n: n for n in names}
+    """Return the names in the model of a term's arguments: in a second lobe, those of its own parameters."""
+    lobe = of_slot(slot)
     usual = {q.name for q in model.parameters if q.name not in model.extra}
-    second = {n for n in usual if n.endswith("2")}
     brought = {q.name for q in alternative.parameters if q.name not in usual}
-    return {n: f"{n}2" if f"{n}2" in second or n in brought else n for n in names}
+    names = inspect.signature(alternative.term).parameters
+    return {n: lobe.own(n) if lobe.own(n) in usual or n in brought else n for n in names}
 
 
-def start(model: Model, slot: str, name: str, values: Mapping) -> dict:
-    """Values of the parameters that a term brings, (M,) each, so that it resembles the usual one; clipped to range."""
-    alternative = get(name)
+def start(model: Model, slot: str, name: str, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Compute values of the parameters that a term brings, with which it resembles the usual term of the slot.
+
+    Parameters
+    ----------
+    model : Model
+    slot, name : str
+        The term called `name` is put there.
+    values : dict of str to array (M,)
+        Parameters of the model without that term.
+
+    Returns
+    -------
+    dict of str to array (M,)
+        Clipped to range.
+    """
+    alternative, lobe = get(name, slot), of_slot(slot)
     own = own_names(model, slot, alternative)
-    usual = {n: values.get(f"{n}2", v) if slot.endswith("2") else v for n, v in values.items()}
+    usual = {n: values.get(lobe.own(n), v) for n, v in values.items()}
     ranges = {q.name: q for q in alternative.parameters}
     return {
         own[n]: np.clip(v, ranges[n].low, ranges[n].high)
@@ -157,13 +114,15 @@ def start(model: Model, slot: str, name: str, values: Mapping) -> dict:
     }
 
 
-def _lobes_with(lobes: Callable, k: int, alternative: Alternative, own: Mapping[str, str]) -> Callable:
-    """The lobes of a model, the k-th with the roughness of another distribution."""
+def _lobes_with(
+    lobes: Callable[[Mapping], list[tuple]], lobe: Lobe, roughness: Callable, own: Mapping[str, str]
+) -> Callable[[Mapping], list[tuple]]:
+    """Return the function `lobes` with another roughness of one of them."""
 
-    def changed(params):
+    def changed(params: Mapping) -> list[tuple]:
         result = list(lobes(params))
-        alpha = alternative.roughness({n: params[o] for n, o in own.items() if o in params})
-        result[k] = (result[k][0], alpha, alpha)
+        alpha = roughness({n: params[o] for n, o in own.items() if o in params})
+        result[lobe.index] = (result[lobe.index][0], alpha, alpha)
         return result
 
     return changed

@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -21,7 +22,7 @@ MIN_COS = 1e-4
 
 
 def frame(n_x, n_y, t_theta) -> mi.Frame3f:
-    """Shading frame of a material: a tilted normal and a rotated tangent (3 of the paper's 12 parameters).
+    """Return the shading frame of a material: a tilted normal and a rotated tangent (3 of the paper's 12 parameters).
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def frame(n_x, n_y, t_theta) -> mi.Frame3f:
 
 
 def frame_of(params: Mapping) -> mi.Frame3f:
-    """Shading frame of a material given its parameters: that of the surface if the model has none of its own.
+    """Return the shading frame of a material: that of the surface if the model has none of its own.
 
     Examples
     --------
@@ -60,17 +61,17 @@ def frame_of(params: Mapping) -> mi.Frame3f:
     return frame(params["n_x"], params["n_y"], params["t_theta"])
 
 
-# What terms can ask for that depends on the directions, the keys of quantities(), and of what kind it is.
+# The keys of quantities(), for which terms can ask by name, and the kind of each.
 QUANTITIES = {
     **dict.fromkeys(("wi", "wo", "h"), "direction"),
     **dict.fromkeys(("cos_theta_i", "cos_theta_o", "cos_theta_h", "cos_theta_d"), "number"),
 }
 
 
-def local_directions(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping):
-    """Both directions in the material's frame, and the lanes in which they are above its horizon and the surface's.
+def local_directions(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple[Any, Any, Any]:
+    """Turn both directions into the material's frame, and find the lanes where they are above both horizons.
 
-    What evaluates and what samples a material ask here, so a kernel that does both works it out once.
+    Evaluation and sampling of a material both ask here, so a kernel that does both works it out once.
 
     Parameters
     ----------
@@ -84,6 +85,7 @@ def local_directions(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping):
     local_i, local_o : mi.Vector3f, N lanes
         Inactive lanes are at normal incidence: no inf or NaN arises whose gradient would survive the mask.
     active : mi.Mask, N lanes
+        True above the horizons of the material's frame and of the surface.
 
     Examples
     --------
@@ -99,8 +101,8 @@ def local_directions(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping):
     return dr.select(active, wi, up), dr.select(active, wo, up), active
 
 
-def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
-    """All directional quantities that terms and networks can ask for by name.
+def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict[str, Any]:
+    """Compute all directional quantities that terms and modules can ask for by name.
 
     Parameters
     ----------
@@ -130,12 +132,12 @@ def quantities(wi: mi.Vector3f, wo: mi.Vector3f) -> dict:
     }
 
 
-def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple[dict, mi.Mask]:
-    """:func:`quantities` in the material's frame, and the lanes of :func:`local_directions` above the horizons.
+def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple[dict[str, Any], Any]:
+    """Compute :func:`quantities` in the material's frame, and the lanes of :func:`local_directions` above the horizons.
 
-    The first two components of the half vector are what a narrow lobe is made of: near a mirror they are small
-    differences of large numbers, of which turning both directions first would leave 6e-8, a thousandth of a roughness
-    of 1e-4. The sum of the directions is (all but) exact in the surface's frame, and so is h - n: t.h = t.(h - n).
+    A narrow lobe is made of the first two components of the half vector. Near a mirror they are small differences of
+    large numbers: if both directions were turned first, 6e-8 would be left of them, a thousandth of a roughness of
+    1e-4. The sum of the directions is (all but) exact in the surface's frame, and so is h - n: t.h = t.(h - n).
 
     Parameters
     ----------
@@ -158,15 +160,16 @@ def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple
     local_i, local_o, active = local_directions(wi, wo, params)
     q = quantities(local_i, local_o)
     if "n_x" in params:
-        frame, (h, cos_theta_d) = frame_of(params), _half_vector(wi, wo)
+        frame: Any = frame_of(params)
+        h, cos_theta_d = _half_vector(wi, wo)
         h = mi.Vector3f(dr.dot(frame.s, h - frame.n), dr.dot(frame.t, h - frame.n), dr.dot(frame.n, h))
         h = dr.select(active, h, mi.Vector3f(0, 0, 1))
         q |= {"h": h, "cos_theta_h": h.z, "cos_theta_d": dr.select(active, cos_theta_d, 1)}
     return q, active
 
 
-def _half_vector(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
-    """Half vector, and the cosine of either direction to it.
+def _half_vector(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[Any, Any]:
+    """Return the half vector, and the cosine of either direction to it.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """A reflectance model as a computational graph: one immutable record and a few verbs (paper, section 3).
 
-A graph knows no optics and no networks. A term is a function whose arguments are picked *by name* from the record it is
+A graph knows no optics and no modules. A term is a function whose arguments are picked *by name* from the record it is
 evaluated on; an operator joins two graphs. Either can be exchanged for another function with :meth:`Node.replace`.
 """
 
@@ -47,7 +47,7 @@ class Node:
     fn: Callable
     args: tuple[Node, ...] = ()
     symbol: str = ""
-    inputs: tuple[str, ...] | None = None
+    inputs: tuple[str, ...] = None  # type: ignore[assignment]  # never None once made
     replaced: bool = False
     label: str = ""
 
@@ -65,7 +65,7 @@ class Node:
     def __call__(self, record: Mapping):
         """Evaluate on `record`, a mapping from quantity names to values.
 
-        A replaced term is handed the whole record: a network may look at more than the term it stands for.
+        A replaced term is handed the whole record: a module may look at more than the term it replaces.
         """
         if self.args:
             return self.fn(*(a(record) for a in self.args))
@@ -122,15 +122,15 @@ class Node:
             return dataclasses.replace(self, args=tuple(a.exchange(term) for a in self.args))
         return term if self.name == term.name else self
 
-    def without(self, zero: Collection[str], networks: Collection[str] = ()) -> Node | None:
+    def without(self, zero: Collection[str], modules: Collection[str] = ()) -> Node | None:
         """Return a copy without the terms named in `zero`, whose value is 0, and without all that they multiply.
 
         Parameters
         ----------
         zero : collection of str
             Terms.
-        networks : collection of str
-            Slots that networks will stand in for: one in the place of an operator makes something of 0, too.
+        modules : collection of str
+            Slots that modules will replace: one in the place of an operator makes something of 0, too.
 
         Returns
         -------
@@ -144,13 +144,12 @@ class Node:
         c
         """
         if not self.args:
-            return None if self.name in zero and self.name not in networks else self
-        if self.name in networks:
+            return None if self.name in zero and self.name not in modules else self
+        if self.name in modules:
             return self
-        args = tuple(a.without(zero, networks) for a in self.args)
-        left = [a for a in args if a is not None]
+        left = tuple(a for a in (arg.without(zero, modules) for arg in self.args) if a is not None)
         if len(left) == 2:
-            return dataclasses.replace(self, args=args)
+            return dataclasses.replace(self, args=left)
         return left[0] if left and self.symbol == "+" else None
 
     def __str__(self) -> str:

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import mitsuba as mi
 import numpy as np
+
+Kind = Literal["scalar", "colour", "latent"]
+# From the least roughness of Mitsuba's own microfacet distribution to the widest lobe that makes sense.
+ROUGHNESS = (1e-4, 1.0)
+# Largest logarithm, of either sign, of what a module stands for: a factor from 2e-9 to 5e8.
+MAX_LOG = 20.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,7 +26,7 @@ class Parameter:
     name : str
         Key in files, scenes and dictionaries.
     size : int
-        1, 3 for a linear RGB colour, or the length of ``latent``.
+        How many numbers it has.
     low, high : float
         Allowed range, inclusive; fits stay inside.
     initial : float
@@ -28,6 +35,8 @@ class Parameter:
         Optimize the logarithm. Roughness needs it: dD/d(alpha) is -9e8 at alpha = 0.001.
     fixed : bool
         Fits and training leave it at its initial value.
+    kind : {"scalar", "colour", "latent"}
+        One number, a linear RGB colour of size 3, or the neural parameters of a material, of any size.
     """
 
     name: str
@@ -37,32 +46,38 @@ class Parameter:
     initial: float
     log: bool = False
     fixed: bool = False
+    kind: Kind = "scalar"
 
     @property
     def is_colour(self) -> bool:
         """True for a linear RGB colour; three latent numbers are none."""
-        return self.size == 3 and self.name != "latent"
+        return self.kind == "colour"
+
+    @property
+    def is_neural(self) -> bool:
+        """True for ``latent`` and ``asymmetry``, which only modules read."""
+        return self.kind == "latent" or self.name == ASYMMETRY.name
 
 
-# 12 analytic parameters of GGX, in the paper's order (section 7). Ranges: OpenSVBRDF statistics as published; roughness
-# is let down to 1e-4, where Mitsuba's own microfacet distribution ends; n tilts by 45 degrees at most (0.5**2 * 2 < 1).
+# 12 analytic parameters of GGX, in the paper's order (section 7). Ranges: OpenSVBRDF statistics as published, but
+# for the roughness; n tilts by 45 degrees at most (0.5**2 * 2 < 1).
 N_X = Parameter("n_x", 1, -0.5, 0.5, 0.0)
 N_Y = Parameter("n_y", 1, -0.5, 0.5, 0.0)
 T_THETA = Parameter("t_theta", 1, -math.pi, math.pi, 0.0)
 FRAME = ("n_x", "n_y", "t_theta")  # those that turn the material's frame, by name
-RHO_D = Parameter("rho_d", 3, 0.0, 1.0, 0.5)
-RHO_S = Parameter("rho_s", 3, 0.0, 10.0, 1.0)
-ALPHA_X = Parameter("alpha_x", 1, 1e-4, 1.0, 0.2, log=True)
-ALPHA_Y = Parameter("alpha_y", 1, 1e-4, 1.0, 0.2, log=True)
+RHO_D = Parameter("rho_d", 3, 0.0, 1.0, 0.5, kind="colour")
+RHO_S = Parameter("rho_s", 3, 0.0, 10.0, 1.0, kind="colour")
+ALPHA_X = Parameter("alpha_x", 1, *ROUGHNESS, 0.2, log=True)
+ALPHA_Y = Parameter("alpha_y", 1, *ROUGHNESS, 0.2, log=True)
 F0 = Parameter("F0", 1, 0.0, 1.0, 0.04)
 # The second lobe of `ggx2`: absent at first, twice as wide.
-RHO_S2 = Parameter("rho_s2", 3, 0.0, 10.0, 0.0)
-ALPHA_X2 = Parameter("alpha_x2", 1, 1e-4, 1.0, 0.4, log=True)
-ALPHA_Y2 = Parameter("alpha_y2", 1, 1e-4, 1.0, 0.4, log=True)
+RHO_S2 = Parameter("rho_s2", 3, 0.0, 10.0, 0.0, kind="colour")
+ALPHA_X2 = Parameter("alpha_x2", 1, *ROUGHNESS, 0.4, log=True)
+ALPHA_Y2 = Parameter("alpha_y2", 1, *ROUGHNESS, 0.4, log=True)
 
 # Those of the ABC model. Ranges: the published fits of the 100 MERL materials (A 0.078 to 5,710, B 11 to 8.1e6, C 0.024
 # to 2.7, index of refraction 1.04 to 100), with room on either side.
-ABC_A = Parameter("A", 3, 1e-3, 1e5, 1.0, log=True)
+ABC_A = Parameter("A", 3, 1e-3, 1e5, 1.0, log=True, kind="colour")
 ABC_B = Parameter("B", 1, 1.0, 1e8, 100.0, log=True)
 ABC_C = Parameter("C", 1, 0.01, 10.0, 1.0, log=True)
 IOR = Parameter("ior", 1, 1.0, 100.0, 1.5, log=True)
@@ -72,25 +87,28 @@ N_U = Parameter("n_u", 1, 1.0, 1e6, 100.0, log=True)
 N_V = Parameter("n_v", 1, 1.0, 1e6, 100.0, log=True)
 
 
-# How far networks may tell viewer from light; at 0 the BRDF is exactly reciprocal. Measured files are not.
+# How far modules may tell viewer from light. At 0 the BRDF is exactly reciprocal; measured files are not.
 ASYMMETRY = Parameter("asymmetry", 1, -2.0, 2.0, 0.0)
 
 
 def latent(n: int) -> Parameter:
-    """The neural parameters: `n` numbers that only networks read, 0.5 at the start (section 4.3).
+    """Return the neural parameters: `n` numbers that only modules read, 0.5 at the start (section 4.3).
 
     The range only keeps a fit from running away along a direction the data says nothing about.
     """
-    return Parameter("latent", n, -16.0, 16.0, 0.5)
+    return Parameter("latent", n, -16.0, 16.0, 0.5, kind="latent")
 
 
 def norm(slot: str) -> Parameter:
-    """A constant added to the output, a logarithm, of the network for `slot`; see :mod:`mi_enhance.material.colour_normalization`."""
-    return Parameter(f"norm_{slot}", 1, -20.0, 20.0, 0.0, fixed=True)
+    """Return the constant that is added to the output, a logarithm, of the module in `slot`.
+
+    :mod:`mi_enhance.material.colour_normalization` sets it.
+    """
+    return Parameter(f"norm_{slot}", 1, -MAX_LOG, MAX_LOG, 0.0, fixed=True)
 
 
 def count(parameters: Sequence[Parameter]) -> int:
-    """Total number of floats.
+    """Return the total number of floats.
 
     Examples
     --------
@@ -101,7 +119,7 @@ def count(parameters: Sequence[Parameter]) -> int:
 
 
 def colours(parameters: Sequence[Parameter]) -> set[str]:
-    """Names of the colours.
+    """Return the names of the colours.
 
     Examples
     --------
@@ -112,7 +130,7 @@ def colours(parameters: Sequence[Parameter]) -> set[str]:
 
 
 def components(p: Parameter) -> list[str]:
-    """Names of the numbers of a parameter, as the channels of maps are called.
+    """Return a name for each number of a parameter; the channels of maps have these names.
 
     Examples
     --------
@@ -121,43 +139,44 @@ def components(p: Parameter) -> list[str]:
     """
     if p.is_colour:
         return [f"{p.name}.{c}" for c in "RGB"]
-    return [p.name] if p.name != "latent" else [f"latent.{k:02d}" for k in range(p.size)]
+    return [f"{p.name}.{k:02d}" for k in range(p.size)] if p.kind == "latent" else [p.name]
 
 
 def initial(parameters: Sequence[Parameter]) -> dict[str, np.ndarray]:
-    """Starting values, name -> float64 array of length `size`."""
+    """Return the starting values: name -> float64 array of length `size`."""
     return {p.name: np.full(p.size, p.initial) for p in parameters}
 
 
-def flatten(parameters: Sequence[Parameter], values: dict) -> np.ndarray:
-    """Values as one float64 vector in the order of `parameters`."""
+def flatten(parameters: Sequence[Parameter], values: Mapping[str, Any]) -> np.ndarray:
+    """Return the values as one float64 vector in the order of `parameters`."""
     return np.concatenate([np.broadcast_to(np.asarray(values[p.name], np.float64), p.size) for p in parameters])
 
 
-def unflatten(parameters: Sequence[Parameter], vector) -> dict:
-    """The inverse of :func:`flatten`, for a NumPy vector or any sequence of per-lane Dr.Jit arrays.
+def unflatten(parameters: Sequence[Parameter], vector: Sequence | np.ndarray) -> dict[str, Any]:
+    """Undo :func:`flatten`, for a NumPy vector or any sequence of per-lane Dr.Jit arrays.
 
-    Colours become ``mi.Color3f`` and scalars single entries if the vector holds Dr.Jit arrays; otherwise slices of it.
+    From Dr.Jit arrays colours become ``mi.Color3f``, and scalars single entries; from a NumPy vector every parameter is
+    a slice of it.
     """
     if len(vector) != count(parameters):
         raise ValueError(f"parameters: {len(vector)} numbers given, {count(parameters)} expected.")
     result, start = {}, 0
     for p in parameters:
-        part = vector[start : start + p.size]
+        part: Any = vector[start : start + p.size]
         start += p.size
         if not isinstance(vector, np.ndarray):
-            part = mi.Color3f(*part) if p.is_colour else list(part) if p.name == "latent" else part[0]
+            part = mi.Color3f(*part) if p.is_colour else list(part) if p.kind == "latent" else part[0]
         result[p.name] = part
     return result
 
 
-def check(parameters: Sequence[Parameter], values: dict, where: str) -> dict[str, np.ndarray]:
-    """Return `values` as float64 arrays of the right size, completed by nothing: every parameter must be there.
+def check(parameters: Sequence[Parameter], values: Mapping[str, Any], where: str) -> dict[str, np.ndarray]:
+    """Return `values` as float64 arrays of the right size; fill in no defaults.
 
     Raises
     ------
     ValueError
-        For a missing or unknown name, a wrong length, a value that is not finite or out of range.
+        For a missing parameter, an unknown name, a wrong length, a value that is not finite or out of range.
     """
     names = [p.name for p in parameters]
     for name in values:

@@ -23,8 +23,8 @@ def kernel(contender: Contender) -> Callable:
     bsdf = contender.bsdf()
     wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(LANES, seed=0))
     context = mi.BSDFContext()
-    # One of the pointers is to another BSDF: a single instance would be called without any dispatch, and baked weights
-    # outside of a call take LLVM minutes.
+    # One of the pointers is to another BSDF: a single instance would be called without any dispatch, which no
+    # renderer does.
     other = mi.load_dict({"type": "diffuse"})
     pointers = dr.select(dr.arange(mi.UInt32, LANES) < LANES - 1, mi.BSDFPtr(bsdf), mi.BSDFPtr(other))
     dr.eval(wi, wo, pointers)

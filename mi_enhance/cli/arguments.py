@@ -137,9 +137,12 @@ def measurements(args: argparse.Namespace) -> Measurements:
 
 
 def model(name: str) -> Material:
+    from ..analytic import models
     from ..material.material import Material
 
-    return Material.analytic(name) if name.endswith(".toml") else Material.load(model_path(name))
+    if name.endswith(".toml"):
+        return Material.analytic(models.from_toml(name))
+    return Material.load(model_path(name))
 
 
 def model_path(name: str) -> Path:

@@ -51,8 +51,9 @@ def run(args: argparse.Namespace) -> dict:
     output = output_file(args.output, (".bsdf",), inputs)
     preview = output_folder(args.preview, "--preview") if args.preview else None
     pages = OwnFiles(preview, "fit-images --preview") if preview else None
-    for name in ("views.png", "convergence.png") if pages else ():
-        pages.check(name)  # a photograph of that name is found before the fit, not after it
+    if pages:
+        for name in ("views.png", "convergence.png"):
+            pages.check(name)  # a photograph of that name is found before the fit, not after it
     mi = arguments.set_variant(args.variant)
     from ..images import fit_images, pictures, scene_materials
     from ..images.view_files import read_views

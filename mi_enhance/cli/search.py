@@ -24,7 +24,7 @@ def add(subparsers: arguments.Subparsers) -> None:
         "--data", action="append", default=[], required=True, metavar="FILES", help="to train on; *, ? and .json lists"
     )
     p.add_argument("--validation", action="append", default=[], metavar="FILES", help="materials to watch only")
-    arguments.add_define(p, "settings (epochs=10, max_modules=4; all: mi_enhance.hypercube.settings.DEFAULTS)")
+    arguments.add_define(p, "settings (mi_enhance.hypercube.settings lists them)")
     arguments.add_variant(p)
     arguments.add_output_file(p, "NET.bsdf", "the network; its run lies in NET.search/")
     p.add_argument("--workers", type=arguments.positive, default=1, help="processes on this machine (default: 1)")

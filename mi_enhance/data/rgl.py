@@ -15,6 +15,7 @@ import numpy as np
 
 from ..system import tensor_file
 from ..system.files import material_name, require_file
+from ..system.variants import require_variant
 from .directions import sample_pairs
 from .measurements import Measurements, clamp_negative
 from .registry import reader
@@ -92,12 +93,7 @@ def evaluate(path: str | Path, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     where = f'data.load("{path}")'
     path = require_file(path, where)
     _check_file(path, where)
-    variant = mi.variant()
-    if variant is None or not variant.startswith(("llvm", "cuda")) or not variant.endswith("_rgb"):
-        raise RuntimeError(
-            f"{where}: an RGL file is evaluated by Mitsuba in a variant llvm_ad_rgb or cuda_ad_rgb; active "
-            f'is {variant}. Call mi.set_variant("llvm_ad_rgb") first.'
-        )
+    require_variant(where, rgb=True, jit=True)
     try:
         bsdf = mi.load_dict({"type": "measured", "filename": str(path.resolve())})
     except RuntimeError as error:

@@ -12,6 +12,7 @@ import numpy as np
 from ..analytic import geometry
 from ..material.material import Material
 from ..numerics import sequences
+from ..system.variants import require_variant
 from .chi_square import SIGNIFICANCE, chi_square
 
 RECIPROCITY = 1e-6  # relative: float32 knows no more of a product of a dozen factors
@@ -62,11 +63,7 @@ def check(
     >>> check(Material.analytic("ggx"))["ok"]
     True
     """
-    variant = mi.variant() or "none"
-    if not variant.endswith("_rgb") or variant.startswith("scalar"):
-        raise RuntimeError(
-            f'check(): needs a JIT variant with RGB colours; "{variant}" is active. Call mi.set_variant("llvm_ad_rgb").'
-        )
+    require_variant("check()", rgb=True, jit=True)
     callback = callback or (lambda _: None)
     bsdf, rows = material.bsdf(), []
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import mitsuba as mi
 
 from ..system.bundled_files import scene_file
+from ..system.checks import positive_int
+from ..system.variants import require_variant
 
 
 def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
@@ -48,12 +50,9 @@ def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
     (16, 16, 3)
     """
     where = f'scene.load("{scene}")'
-    if mi.variant() is None:
-        raise RuntimeError(f'{where}: no Mitsuba variant is active. Call mi.set_variant("llvm_ad_rgb") first.')
-    numbers = {"resolution": resolution, "spp": spp, "max_depth": max_depth}
-    for name, value in numbers.items():
-        if not isinstance(value, int) or value < 1:
-            raise ValueError(f"{where}: {name} is {value!r}; it must be a positive integer.")
+    require_variant(where)
+    given = {"resolution": resolution, "spp": spp, "max_depth": max_depth}
+    numbers = {name: positive_int(value, name, where) for name, value in given.items()}
     path = _path(scene, where)
     bsdf = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
 

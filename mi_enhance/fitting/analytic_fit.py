@@ -12,38 +12,37 @@ from .objective import Objective, stacked
 
 
 def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, index=slice(None)) -> Objective:
-    """The loss of `copies` independent parameter sets on the samples `index` of one material."""
+    """Return the loss of `copies` independent parameter sets on the samples `index` of one material."""
     wi, wo, f = (a[index] for a in (measurements.wi, measurements.wo, measurements.f))
     return stacked(brdf, wi, wo, np.broadcast_to(f, (copies, *f.shape)))
 
 
 def analytic_starts(brdf: EnhancedBRDF) -> np.ndarray:
-    """Parameter vectors, (S, P), that between them lead to the minima of an analytic model: the model's starts."""
+    """Return the starts of an analytic model, (S, P), which between them lead to its minima."""
     values = parameters.initial(brdf.parameters)
     return np.array([parameters.flatten(brdf.parameters, {**values, **start}) for start in brdf.model.starts])
 
 
 def fit_analytic(brdf: EnhancedBRDF, wi, wo, f, n: int) -> np.ndarray:
-    """Best analytic parameters of B materials at once, (B, P): every start in turn, the best of each material kept.
+    """Return the best analytic parameters of B materials at once, (B, P): every start in turn, the best kept.
 
     Parameters
     ----------
     brdf : EnhancedBRDF
-        Without networks.
+        Without neural modules.
     wi, wo, f : Dr.Jit arrays, B * n lanes
         As :class:`mi_enhance.fitting.objective.Objective` takes them.
     n : int
         Samples per material.
     """
     problem = Objective(brdf, wi, wo, f, n)
-    space, best = problem.space, None
+    space = problem.space
+    best, least = np.zeros((problem.n_problems, brdf.n_parameters)), np.full(problem.n_problems, np.inf)
     for row in analytic_starts(brdf):
         u = np.tile(space.to_free(row), (problem.n_problems, 1))
         u, loss = levenberg_marquardt.minimize(
             problem.loss, problem.normal_equations, u, space.low, space.high, steps=30
         )
-        if best is None:
-            best = u, loss
-        better = loss < best[1]
-        best = np.where(better[:, None], u, best[0]), np.where(better, loss, best[1])
-    return space.to_physical(best[0])
+        better = loss < least
+        best, least = np.where(better[:, None], u, best), np.where(better, loss, least)
+    return space.to_physical(best)

@@ -17,22 +17,47 @@ from ..material.material import Material
 from ..material.material_maps import MaterialMaps
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
+from ..system.progress import Callback, silent
 from ..system.variants import require_rgb
 from . import library_prior
 from .analytic_fit import analytic_starts
+from .multistart import Stage, nearest
+from .report import TexelReport
 from .texel_batches import TexelSamples, check
 
 _ANCHORS = 32
 _NEAREST = 8  # training materials an anchor starts from, besides its analytic fit
-# Samples (None: all), starts of each texel that go on, most steps. Chosen on mixtures of MERL materials that training
-# keeps aside.
-_ANALYTIC = ((32, None, 4), (None, 2, 4), (None, 1, 15))
-_CAREFUL = ((None, None, 10), (None, 2, 10), (None, 1, 30))
-_QUICK = ((None, None, 4), (None, 1, 12))
-_SWEEP = ((None, None, 0), (None, 1, 6))
+_SCREEN = 16  # samples by which starts are compared as they are
+# Chosen on mixtures of MERL materials that training keeps aside.
+_ANALYTIC = (Stage(32, None, 4), Stage(None, 2, 4), Stage(None, 1, 15))
+_CAREFUL = (Stage(None, None, 10), Stage(None, 2, 10), Stage(None, 1, 30))
+_QUICK = (Stage(None, None, 4), Stage(None, 1, 12))
+_SWEEP = (Stage(None, None, 0), Stage(None, 1, 6))
 _SWEEPS = 3
+_AS_IT_IS = (Stage(None, None, 0),)
 
-_AS_IT_IS = ((None, None, 0),)
+_Known = Callable[[np.ndarray], library_prior.Prior]  # of texels by their index
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TexelFit:
+    """Result of :func:`fit_texels`.
+
+    Parameters
+    ----------
+    maps : MaterialMaps
+        All parameters that fits move. Colours are as fitted, not normalized as those of
+        :func:`mi_enhance.fitting.fit.fit` are. ``maps.material.report`` is `report`.
+    log_l1, log_l1_analytic : array (H, W)
+        Eq. 1 of each texel, and that of the model without neural modules.
+    report : TexelReport
+        Means, seconds and sizes.
+    """
+
+    maps: MaterialMaps
+    log_l1: np.ndarray
+    log_l1_analytic: np.ndarray
+    report: TexelReport
 
 
 def fit_texels(
@@ -43,8 +68,8 @@ def fit_texels(
     *,
     smoothness: float = 0.0,
     seed: int = 0,
-    progress: bool = True,
-) -> tuple[MaterialMaps, dict[str, np.ndarray]]:
+    progress: Callback = silent,
+) -> TexelFit:
     r"""Fit a material of its own to every texel of a surface.
 
     Parameters
@@ -62,17 +87,12 @@ def fit_texels(
         differs from its neighbours as much as any two texels do pays half the mean loss for it.
     seed : int
         Of the choice of anchors and the order of samples.
-    progress : bool
-        Show bars.
+    progress : callable, optional
+        ``progress(Progress)`` after every batch of texels.
 
     Returns
     -------
-    maps : MaterialMaps
-        All parameters that fits move; ``maps.material.report`` has the mean ``log_l1``, ``log_l1_analytic``,
-        ``seconds``, ``seconds_per_1000``, ``n_texels``, ``n_samples``. Colours are as fitted, not normalized as those
-        of :func:`mi_enhance.fitting.fit` are.
-    errors : dict
-        ``log_l1`` and ``log_l1_analytic`` (the model without networks), each (H, W).
+    TexelFit
 
     Raises
     ------
@@ -87,8 +107,8 @@ def fit_texels(
     >>> wi, wo = sample_pairs(64)
     >>> truth = [Material.analytic("ggx").edit(alpha_x=a, alpha_y=a) for a in (0.2, 0.4)]
     >>> f = np.stack([m.evaluate(wi, wo) for m in truth])
-    >>> maps, errors = fit_texels(Material.analytic("ggx"), wi, wo, f, progress=False)
-    >>> maps.shape, bool(errors["log_l1"].max() < 1e-3)
+    >>> found = fit_texels(Material.analytic("ggx"), wi, wo, f)
+    >>> found.maps.shape, bool(found.log_l1.max() < 1e-3)
     ((1, 2), True)
     """
     require_rgb("fit_texels()")
@@ -99,23 +119,25 @@ def fit_texels(
         raise ValueError("fit_texels(): smoothness needs neighbours: give f as (H, W, S, 3).")
     start = time.perf_counter()
     rng = np.random.default_rng(seed)
-    surface = TexelSamples(wi, wo, f, shape, rng, progress)
+    surface = TexelSamples(wi, wo, f, rng)
     material = material.unspecialized
     brdf, analytic = material.brdf, EnhancedBRDF(material.brdf.model, {})
     space = parameter_space.Space(analytic.parameters)
     starts = space.to_free(analytic_starts(analytic))
-    u, loss_analytic = surface.fit(analytic, lambda index: np.tile(starts, (len(index), 1, 1)), _ANALYTIC, "analytic")
+    u, loss_analytic = surface.fit(
+        analytic, lambda index: np.tile(starts, (len(index), 1, 1)), _ANALYTIC, "analytic", progress=progress
+    )
     loss, known = loss_analytic, None
     if brdf.modules:
         space = parameter_space.Space(brdf.parameters)
         initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
         u = np.concatenate([u, np.tile(space.to_free(initial)[u.shape[1] :], (len(u), 1))], axis=1)
         known = _known(material, loss_analytic / surface.n)
-        u, loss = _enhanced(surface, material, u, known, rng)
+        u, loss = _enhanced(surface, material, u, known, rng, progress)
     if smoothness:
-        u, loss = _smoothed(surface, brdf, u, loss, known, smoothness)
+        u, loss = _smoothed(surface, brdf, shape, u, loss, known, smoothness, progress)
     seconds = time.perf_counter() - start
-    report = {
+    report: TexelReport = {
         "model": str(brdf),
         "log_l1": float(loss.mean()),
         "log_l1_analytic": float(loss_analytic.mean()),
@@ -126,12 +148,12 @@ def fit_texels(
         "smoothness": float(smoothness),
         "seed": seed,
     }
-    errors = {"log_l1": loss.reshape(shape), "log_l1_analytic": loss_analytic.reshape(shape)}
-    return _maps(material, space.to_physical(u).reshape(*shape, -1), report), errors
+    maps = _maps(material, space.to_physical(u).reshape(*shape, -1), report)
+    return TexelFit(maps, loss.reshape(shape), loss_analytic.reshape(shape), report)
 
 
 def log_l1_of_texels(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Log-L1 (eq. 1) of every texel on given samples, such as some that the fit did not see.
+    """Return the log-L1 (eq. 1) of every texel on given samples, such as some that the fit did not see.
 
     Parameters
     ----------
@@ -155,48 +177,72 @@ def log_l1_of_texels(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray, f: np.n
     if shape != maps.shape:
         raise ValueError(f"log_l1_of_texels(): f is for {shape} texels, the maps have {maps.shape}.")
     brdf = maps.material.brdf
-    surface = TexelSamples(wi, wo, f, shape, np.random.default_rng(0), progress=False)
-    columns = {name: np.broadcast_to(v, (*shape, len(v))) for name, v in maps.material.params.items()} | maps.maps
+    surface = TexelSamples(wi, wo, f, np.random.default_rng(0))
+    columns = {name: np.broadcast_to(v, (*shape, len(v))) for name, v in maps.material.params.items()}
+    columns |= dict(maps.maps)
     u = np.concatenate([columns[p.name] for p in brdf.parameters], axis=2).reshape(len(surface.f), -1)
     u = parameter_space.Space(brdf.parameters).to_free(u.astype(np.float64))
     _, loss = surface.fit(brdf, lambda index: u[index][:, None], _AS_IT_IS, "")
     return loss.reshape(shape)
 
 
-def _known(material: Material, weight: np.ndarray) -> Callable | None:
-    """What training materials say of texels by their index.
+def _known(material: Material, weight: np.ndarray) -> _Known | None:
+    """Return the prior of texels by their index: a Gaussian over the training materials, of weight mean |r| / n.
 
-    Residuals with the Laplace distribution of the analytic model's, the channels of a sample not independent of each
-    other: beside the mean of n of them a Gaussian has the weight of their mean size over n.
+    The n residuals r of a texel are taken to have a Laplace distribution of the size they have for the analytic model,
+    the channels of a sample not to be independent of each other.
     """
     return (lambda index: library_prior.from_library(material, weight[index])) if material.library is not None else None
 
 
-def _enhanced(surface: TexelSamples, material: Material, u, known, rng) -> tuple[np.ndarray, np.ndarray]:
-    """Anchors first, then all texels, from their analytic fits `u`, completed."""
+def _enhanced(
+    surface: TexelSamples,
+    material: Material,
+    u: np.ndarray,
+    known: _Known | None,
+    rng: np.random.Generator,
+    progress: Callback,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fit the anchors first, then all texels, from their analytic fits `u`, completed."""
     brdf = material.brdf
     anchors = rng.choice(len(u), min(_ANCHORS, len(u)), replace=False)
-    starts = lambda index: u[index][:, None]  # noqa: E731
+    library = None
     if material.library is not None:
         library = parameter_space.Space(brdf.parameters).to_free(np.asarray(material.library, np.float64))
-        starts = lambda index: np.concatenate(  # noqa: E731
-            [u[index][:, None], surface.nearest(brdf, index, library, _NEAREST)], axis=1
-        )
-    found, loss = surface.fit(brdf, starts, _CAREFUL, "anchors", anchors, known)
+
+    def with_nearest(candidates: np.ndarray | None, k: int) -> Callable[[np.ndarray], np.ndarray]:
+        """Return starts: a texel's own, and the k candidates that explain it best."""
+
+        def starts(index: np.ndarray) -> np.ndarray:
+            own = u[index][:, None]
+            if candidates is None:
+                return own
+            return np.concatenate([own, nearest(surface, brdf, index, candidates, k, _SCREEN)], axis=1)
+
+        return starts
+
+    found, loss = surface.fit(
+        brdf, with_nearest(library, _NEAREST), _CAREFUL, "anchors", index=anchors, known=known, progress=progress
+    )
     if len(anchors) == len(u):
         order = np.argsort(anchors)
         return found[order], loss[order]
-
-    def seen(index):
-        return np.concatenate([u[index][:, None], surface.nearest(brdf, index, found, 1)], axis=1)
-
-    return surface.fit(brdf, seen, _QUICK, "enhanced", known=known)
+    return surface.fit(brdf, with_nearest(found, 1), _QUICK, "enhanced", known=known, progress=progress)
 
 
-def _smoothed(surface: TexelSamples, brdf: EnhancedBRDF, u, loss, known, smoothness) -> tuple[np.ndarray, np.ndarray]:
-    """Sweeps that pull every texel towards the mean of its neighbours; starts are the texel's own and that mean."""
+def _smoothed(
+    surface: TexelSamples,
+    brdf: EnhancedBRDF,
+    shape: tuple[int, int],
+    u: np.ndarray,
+    loss: np.ndarray,
+    known: _Known | None,
+    smoothness: float,
+    progress: Callback,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sweep over the surface, pulling every texel towards the mean of its neighbours, from its own values and that."""
     for sweep in range(_SWEEPS):
-        mean = _neighbours(u.reshape(*surface.shape, -1)).reshape(u.shape)
+        mean = _neighbours(u.reshape(*shape, -1)).reshape(u.shape)
         spread = u.std(0)
         # a parameter that is the same everywhere has nothing to be smoothed
         weight = np.divide(1, spread**2, out=np.zeros_like(spread), where=spread > 1e-9)
@@ -207,12 +253,13 @@ def _smoothed(surface: TexelSamples, brdf: EnhancedBRDF, u, loss, known, smoothn
             return neighbours + known(index) if known else neighbours
 
         starts = np.stack([u, mean], axis=1)
-        u, loss = surface.fit(brdf, starts.__getitem__, _SWEEP, f"sweep {sweep + 1}", known=pull)
+        label = f"sweep {sweep + 1}"
+        u, loss = surface.fit(brdf, starts.__getitem__, _SWEEP, label, known=pull, progress=progress)
     return u, loss
 
 
 def _neighbours(values: np.ndarray) -> np.ndarray:
-    """Mean of the texels above, below, left and right, as far as there are any; (H, W, P).
+    """Return the mean of the texels above, below, left and right, as far as there are any; (H, W, P).
 
     Examples
     --------
@@ -224,11 +271,11 @@ def _neighbours(values: np.ndarray) -> np.ndarray:
     return total[..., :-1] / np.maximum(total[..., -1:], 1)  # 1: a surface of one texel has no neighbours
 
 
-def _maps(material: Material, values: np.ndarray, report: dict) -> MaterialMaps:
-    """Maps of what varies; the rest, and what decides sampling, is that of the mean over the surface."""
+def _maps(material: Material, values: np.ndarray, report: TexelReport) -> MaterialMaps:
+    """Return maps of what varies; the rest, and what decides sampling, is that of the mean over the surface."""
     parts = parameters.unflatten(material.brdf.parameters, np.moveaxis(values, 2, 0))
     base = material.edit(**{name: v.mean((1, 2)) for name, v in parts.items()})
-    base = dataclasses.replace(base, report=report, library=None)
-    base = dataclasses.replace(base, lobe_albedo=albedo.lobe_albedo(base))
+    base = dataclasses.replace(base, report={**report}, library=None)
+    base = dataclasses.replace(base, lobe_albedo=albedo.lobe_albedo(base.brdf, base.as_drjit()))
     varying = {p.name for p in material.brdf.parameters if not p.fixed}
     return MaterialMaps(base, {name: np.moveaxis(v, 0, 2) for name, v in parts.items() if name in varying})

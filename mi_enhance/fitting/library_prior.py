@@ -37,12 +37,12 @@ class Prior:
     precision: np.ndarray
 
     def loss(self, u: np.ndarray) -> np.ndarray:
-        """Half the squared distance to the mean, (B,), for parameters (B, P)."""
+        """Return half the squared distance to the mean, (B,), for parameters (B, P)."""
         d = u - self.mean
         return 0.5 * (self._force(d) * d).sum(1)
 
     def added(self, problem: Objective) -> tuple[Callable, Callable]:
-        """Loss and normal equations of a problem with the prior added."""
+        """Return loss and normal equations of a problem with the prior added."""
 
         def normal_equations(u, epsilon):
             h, g, smooth = problem.normal_equations(u, epsilon)
@@ -51,14 +51,14 @@ class Prior:
         return lambda u: problem.loss(u) + self.loss(u), normal_equations
 
     def __add__(self, other: Prior) -> Prior:
-        """The product of two Gaussians; their losses add up, but for a constant."""
+        """Return the product of two Gaussians; their losses add up, but for a constant."""
         precision = self.precision + other.precision
         force = np.matmul(self.precision, self.mean[..., None]) + np.matmul(other.precision, other.mean[..., None])
         # 1e-12: a parameter that neither says anything about has no mean, and needs none
         return Prior(np.linalg.solve(precision + 1e-12 * np.eye(precision.shape[-1]), force)[..., 0], precision)
 
     def of(self, index: np.ndarray) -> Prior:
-        """The same for some of the problems, which may repeat."""
+        """Return the prior of some of the problems, which may repeat."""
         mean, precision = self.mean, self.precision
         return Prior(mean[index] if mean.ndim == 2 else mean, precision[index] if precision.ndim == 3 else precision)
 
@@ -67,7 +67,7 @@ class Prior:
 
 
 def from_library(material: Material, weight: float | np.ndarray) -> Prior:
-    """What the training materials say of parameters that the samples leave open: a Gaussian over their values.
+    """Return a Gaussian over the training materials, for parameters that the samples leave open.
 
     Retro-reflective samples alone say nothing about the highlight, and leave most of the latent numbers to chance.
     Colours and frame stay free.
@@ -77,7 +77,7 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
     material : Material
         A network, with its library.
     weight : float or array (B,)
-        Of the prior, beside a mean loss; of each problem.
+        How much the prior counts beside a mean loss, for all problems or for each.
     """
     space = parameter_space.Space(material.brdf.parameters)
     u = space.to_free(np.asarray(material.library, np.float64))
@@ -94,7 +94,7 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
 
 
 def weight(wi: np.ndarray, wo: np.ndarray, scale: float) -> float:
-    """A share of `scale`, the log-L1 of the analytic model on samples of the directions `wi`, `wo` (n, 3).
+    """Return a share of `scale`, the log-L1 of the analytic model on samples of the directions `wi`, `wo` (n, 3).
 
     Divided by the square of the part of the half and difference angles that the samples visit: many samples in one
     place are no more than a few.
@@ -103,7 +103,7 @@ def weight(wi: np.ndarray, wo: np.ndarray, scale: float) -> float:
 
 
 def coverage(wi: np.ndarray, wo: np.ndarray) -> float:
-    """Part of 12 x 12 cells of theta_h and theta_d that the samples visit; about 0.8 for all directions."""
+    """Return the part of 12 x 12 cells of theta_h and theta_d that the samples visit; about 0.8 for all directions."""
     theta_h, _, theta_d, _ = directions_to_rusinkiewicz(wi, wo)
     cells = [np.minimum(12 * a / (np.pi / 2), 11).astype(int) for a in (theta_h, theta_d)]
     return len(np.unique(np.ravel_multi_index(cells, (12, 12)))) / 144

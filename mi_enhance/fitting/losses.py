@@ -1,16 +1,41 @@
-"""Fitting losses as plain functions. They take Dr.Jit arrays (for gradients) and NumPy arrays (for reports) alike."""
+"""The loss of fits. It takes Dr.Jit arrays (for gradients) and NumPy arrays (for reports) alike.
+
+A fit minimizes the mean absolute difference of compressed reflectance: another :func:`compressed` is another loss, and
+only this file says which. Whatever minimizes (:mod:`mi_enhance.fitting.objective`) works on compressed values.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 
-def log_l1(f, f_gt, cos):
-    r"""Mean absolute difference of log-transformed reflectance: the paper's loss.
+def compressed(f: Any, cos: Any) -> Any:
+    r"""Return reflectance as the loss compares it: :math:`\log(1 + f \cos\theta)`.
 
     The logarithm keeps a highlight of 1e4 from drowning the rest, the 1 keeps dark values from dominating, and the
     cosine gives grazing light the weight it has in a render.
+
+    Parameters
+    ----------
+    f : NumPy or Dr.Jit array
+        BRDF in 1/sr, without the cosine, at least 0.
+    cos : array or float
+        Cosine to the light direction, in [0, 1], of a shape that multiplies with `f`.
+
+    Examples
+    --------
+    >>> float(compressed(np.array([np.e - 1]), 1.0)[0])
+    1.0
+    """
+    # NumPy does not know dr.log and Dr.Jit does not know np.log: this is the one place where the two differ.
+    return np.log1p(f * cos) if isinstance(f, np.ndarray) else dr.log(1 + f * cos)
+
+
+def log_l1(f: Any, f_gt: Any, cos: Any) -> Any:
+    r"""Return the mean absolute difference of log-transformed reflectance: the paper's loss.
 
     .. math:: L = \frac{1}{N} \sum_k \left| \log(1 + \tilde f_k \cos\theta_k) - \log(1 + f_k \cos\theta_k) \right|
 
@@ -36,10 +61,9 @@ def log_l1(f, f_gt, cos):
     >>> round(float(log_l1(np.array([0.0]), np.array([np.e - 1]), 1.0)), 6)
     1.0
     """
-    # NumPy does not know dr.log and Dr.Jit does not know np.log: this is the one place where the two differ.
     if isinstance(f, np.ndarray):
         cos = np.asarray(cos)
         if f.ndim == 2 and cos.ndim == 1:
             cos = cos[:, None]
-        return float(np.mean(np.abs(np.log1p(f_gt * cos) - np.log1p(f * cos))))
-    return dr.mean(dr.abs(dr.log(1 + f_gt * cos) - dr.log(1 + f * cos)), axis=None)
+        return float(np.mean(np.abs(compressed(f_gt, cos) - compressed(f, cos))))
+    return dr.mean(dr.abs(compressed(f_gt, cos) - compressed(f, cos)), axis=None)

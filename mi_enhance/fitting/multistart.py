@@ -1,62 +1,146 @@
-"""Fits from many starts, of which the best go on."""
+"""Fits from many starts on few samples, of which the best go on with more.
+
+One function fits all: a material is a surface of one texel.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ..analytic import parameter_space
+from ..analytic.parameter_space import Space
+from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import levenberg_marquardt
-from .analytic_fit import analytic_starts, objective
+from .library_prior import Prior
+from .objective import Objective
 
-_NEAREST = 28  # training materials to start from, besides the analytic fit
-
-
-# Samples, parameter sets that go on from the stage before, and most steps: many starts on few samples first. Chosen
-# on the materials that training keeps aside; more of everything lowers the loss by 1 to 2 % at twice the time.
-_STAGES = ((1024, None, 12), (2048, 12, 15), (8192, 3, 36), (None, 1, 15))
+LANES = 1 << 17  # samples fitted together: bounds the memory, 110 MB of Jacobian for ggx2
 
 
-def _lm(brdf, measurements, starts, rng, callback, library=None, known=None, *, hold=()) -> tuple[np.ndarray, float]:
-    """Search on a subset from many starts at once, then polish the best on everything."""
-    n = len(measurements.f)
-    order = rng.permutation(n)
-    stage = "analytic" if not brdf.modules else "enhanced"
-    if not brdf.modules:
-        starts = [*starts, *analytic_starts(brdf)]
-    elif library is not None:
-        starts = [*starts, *_nearest(brdf, measurements, library, order[:1024])]
-    space = parameter_space.Space(brdf.parameters, hold)
-    u, losses, used = space.to_free(np.array(starts)), None, 0
-    for samples, survivors, steps in _STAGES:
-        if used == n:
-            break  # a later stage would see the same samples
-        used = min(samples or n, n)
-        if losses is not None:
-            u = u[np.argsort(losses)[:survivors]]
-        problem = objective(brdf, measurements, len(u), order[:used])
-        loss, normal_equations = known.added(problem) if known else (problem.loss, problem.normal_equations)
-        u, losses = levenberg_marquardt.minimize(
-            loss,
-            normal_equations,
-            u,
-            space.low,
-            space.high,
-            steps=steps,
-            tolerance=3e-4,
-            callback=_reporter(callback, f"{stage}, {used} samples"),
-        )
-    best = int(np.argmin(losses))
-    return space.to_physical(u[best]), losses[best] - (known.loss(u[best : best + 1])[0] if known else 0)
+class Stage(NamedTuple):
+    """A part of a fit from many starts.
+
+    Parameters
+    ----------
+    n_samples : int or None
+        Samples of each texel; all if None.
+    survivors : int or None
+        Starts of each texel that go on from the stage before; all if None.
+    n_steps : int
+        Most steps.
+    """
+
+    n_samples: int | None
+    survivors: int | None
+    n_steps: int
 
 
-def _reporter(callback: Callable, stage: str) -> Callable:
-    return lambda step, losses: callback(stage, step, float(losses.min()))
+class Samples(Protocol):
+    """The samples of T texels; :class:`mi_enhance.fitting.texel_batches.TexelSamples` is one."""
+
+    n: int
+
+    def problem(self, brdf: EnhancedBRDF, index: np.ndarray, n_samples: int | None = None) -> Objective:
+        """Return the loss of the texels `index`, which may repeat, on their first `n_samples` samples."""
 
 
-def _nearest(brdf, measurements, library: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """The training materials that explain the measurements best as they are."""
-    candidates = objective(brdf, measurements, len(library), index)
-    losses = candidates.loss(candidates.space.to_free(np.asarray(library, np.float64)))
-    return library[np.argsort(losses)[:_NEAREST]]
+def minimize(
+    samples: Samples,
+    brdf: EnhancedBRDF,
+    index: np.ndarray,
+    u: np.ndarray,
+    stages: Sequence[Stage],
+    *,
+    space: Space,
+    known: Prior | None = None,
+    tolerance: float = 1e-4,
+    report: Callable[[Stage, int, np.ndarray], None] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the best parameters (T, P) that are found for some texels, and their losses (T,) without the prior.
+
+    Parameters
+    ----------
+    samples : Samples
+    brdf : EnhancedBRDF
+    index : array (T,)
+        The texels.
+    u : array (T, K, P)
+        K starts of each, as `space` optimizes them.
+    stages : sequence of Stage
+    space : Space
+    known : Prior, optional
+        With a mean or precision for each of the T texels, or one for all.
+    tolerance : float
+        See :func:`mi_enhance.numerics.levenberg_marquardt.minimize`.
+    report : callable, optional
+        ``report(stage, step, losses)`` after every step of a batch.
+    """
+    losses: np.ndarray = np.zeros(u.shape[:2])
+    for stage in stages:
+        t, k, p = u.shape
+        if stage.survivors is not None and stage.survivors < k:
+            u, k = _best(u, losses, stage.survivors), stage.survivors
+        n = min(stage.n_samples or samples.n, samples.n)
+        parts = []
+        for row in batches(np.arange(t * k), n):
+            problem = samples.problem(brdf, index[row // k], n)
+            loss, equations = known.of(row // k).added(problem) if known else (problem.loss, problem.normal_equations)
+            parts.append(
+                levenberg_marquardt.minimize(
+                    loss,
+                    equations,
+                    u.reshape(-1, p)[row],
+                    space.low,
+                    space.high,
+                    steps=stage.n_steps,
+                    tolerance=tolerance,
+                    callback=(lambda step, found, stage=stage: report(stage, step, found)) if report else None,
+                )
+            )
+        flat, found = (np.concatenate(v) for v in zip(*parts, strict=True))
+        u, losses = flat.reshape(t, k, p), found.reshape(t, k)
+    best, losses = _best(u, losses, 1)[:, 0], losses.min(axis=1)
+    return best, losses - (known.loss(best) if known else 0)
+
+
+def nearest(
+    samples: Samples, brdf: EnhancedBRDF, index: np.ndarray, candidates: np.ndarray, k: int, n_samples: int
+) -> np.ndarray:
+    """Return those k of the candidates (M, P) that explain each texel best as they are, (T, k, P).
+
+    Parameters
+    ----------
+    samples : Samples
+    brdf : EnhancedBRDF
+    index : array (T,)
+        The texels.
+    candidates : array (M, P)
+        Parameters as they are optimized, for example those of the training materials.
+    k : int
+    n_samples : int
+        First samples of each texel that decide.
+    """
+    losses, m = [], len(candidates)
+    # values alone take a quarter of the memory
+    for part in batches(index, m * min(n_samples, samples.n) / 4):
+        problem = samples.problem(brdf, np.repeat(part, m), n_samples)
+        losses.append(problem.loss(np.tile(candidates, (len(part), 1))).reshape(-1, m))
+    return candidates[np.argsort(np.concatenate(losses), axis=1)[:, :k]]
+
+
+def batches(index: np.ndarray, lanes: float) -> list[np.ndarray]:
+    """Divide problems of so many lanes each into as many at once as memory allows.
+
+    Examples
+    --------
+    >>> [len(b) for b in batches(np.arange(5), LANES / 2)]
+    [2, 2, 1]
+    """
+    return np.array_split(index, min(len(index), int(np.ceil(len(index) * lanes / LANES))))
+
+
+def _best(u: np.ndarray, losses: np.ndarray, k: int) -> np.ndarray:
+    """Return the k starts (T, k, P) of least loss of each texel."""
+    return np.take_along_axis(u, np.argsort(losses, axis=1)[:, :k, None], axis=1)

@@ -2,11 +2,13 @@
 
 A *problem* is one material with its own parameters and n samples. B problems are B * n lanes of one kernel, problem
 after problem; they share the networks. Fitting one material from several starts, many texels, or training are all this.
+The formula of the loss itself is in :mod:`mi_enhance.fitting.losses`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -15,6 +17,7 @@ import numpy as np
 from ..analytic import parameter_space, parameters
 from ..neural import trainable
 from ..neural.enhanced_brdf import EnhancedBRDF
+from .losses import compressed
 
 # Lanes per block of the float32 products that make up the normal equations; blocks are added in float64.
 _BLOCK = 4096
@@ -33,35 +36,32 @@ class Objective:
     n : int
         Samples per problem.
     evaluators : dict, optional
-        Network evaluators; ``nn.Trainable`` with detached weights by default: cooperative vectors compile in a second,
-        baked weights outside of a virtual call in a minute, and every new network anew.
+        Network evaluators; :func:`mi_enhance.neural.trainable.fused` by default.
     """
 
     def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Mapping | None = None):
         self.brdf, self.n, self.wi, self.wo = brdf, n, wi, wo
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)
-        if evaluators is None:
-            evaluators = trainable.Trainable(brdf.modules)
-            dr.disable_grad(evaluators.weights)
-        self.evaluators = evaluators
-        self._truth = [dr.log(1 + c * wo.z) for c in f]
+        # a mapping, or what can be indexed like one
+        self.evaluators: Any = trainable.fused(brdf.modules) if evaluators is None else evaluators
+        self._truth = [compressed(c, wo.z) for c in f]
 
     def _residual(self, f) -> list[mi.Float]:
-        return [t - dr.log(1 + c * self.wo.z) for t, c in zip(self._truth, f, strict=True)]
+        return [t - compressed(c, self.wo.z) for t, c in zip(self._truth, f, strict=True)]
 
     def _lanes(self, u: np.ndarray) -> list[mi.Float]:
-        """Parameters of each problem, (B, P), as P arrays with B * n lanes."""
+        """Return the parameters of each problem, (B, P), as P arrays with B * n lanes."""
         return [dr.repeat(mi.Float(column), self.n) for column in u.astype(np.float32).T]
 
     def residuals(self, u: np.ndarray) -> list[mi.Float]:
-        """Signed differences of the logarithms, one array of B * n lanes per channel, for parameters (B, P)."""
+        """Return the differences of the logarithms, an array of B * n lanes per channel, for parameters (B, P)."""
         with dr.suspend_grad():
             params = parameters.unflatten(self.brdf.parameters, self.space.to_physical(self._lanes(u)))
             return self._residual(self.brdf(self.wi, self.wo, params, self.evaluators))
 
     def loss(self, u: np.ndarray) -> np.ndarray:
-        """Mean absolute difference of the logarithms per problem, (B,), for parameters (B, P)."""
+        """Return the mean absolute difference of the logarithms per problem, (B,), for parameters (B, P)."""
         total = dr.block_sum(sum(dr.abs(r) for r in self.residuals(u)), self.n)
         return np.array(total, np.float64) / (3 * self.n)
 
@@ -105,7 +105,7 @@ class Objective:
         block = _block(self.n)
         # (block of lanes, row, lane in the block): the products below then need no further rearrangement
         base = (index // block) * (block * (n_p + 1) * 3) + index % block
-        total = 0
+        total: Any = 0
         for k, (residual, row) in enumerate(zip(r, rows, strict=True)):
             value = dr.detach(residual)
             smooth = dr.sqrt(dr.square(value) + dr.square(eps))
@@ -122,7 +122,7 @@ class Objective:
         return products[:, :n_p, :n_p], products[:, :n_p, n_p], loss
 
     def gradient(self, flat: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Mean loss of all problems and its gradient.
+        """Return the mean loss of all problems and its gradient.
 
         Parameters
         ----------
@@ -147,8 +147,8 @@ class Objective:
         wide_params = _like(params, rest)
         wide_folded = {slot: [next(rest) for _ in bias] for slot, bias in folded.items()}
         r = self._residual(self.brdf(self.wi, self.wo, wide_params, self.evaluators, wide_folded))
-        loss = sum(dr.abs(c) for c in r) / 3
-        backward(loss, 1 / len(loss))
+        loss = sum((dr.abs(c) for c in r[1:]), dr.abs(r[0])) / 3
+        backward(loss, 1 / dr.width(loss))
         wide_gradient = dr.grad(wide)
         dr.eval(dr.detach(loss), wide_gradient)
         backward(narrow, [dr.block_sum(g, self.n) for g in wide_gradient])
@@ -156,7 +156,7 @@ class Objective:
 
 
 def stacked(brdf: EnhancedBRDF, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> Objective:
-    """The objective of B problems with n samples each, from arrays.
+    """Return the objective of B problems with n samples each, from arrays.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def backward(variables, gradients) -> None:
 
 
 def _gradient(value, inputs: list, seed) -> list[mi.Float]:
-    """Derivatives of `value` with respect to `inputs`, lane by lane; the graph stays for the next call."""
+    """Return the derivatives of `value` with respect to `inputs`, lane by lane; the graph stays for the next call."""
     dr.set_grad(value, seed)
     dr.enqueue(dr.ADMode.Backward, value)
     dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)
@@ -196,7 +196,7 @@ def _gradient(value, inputs: list, seed) -> list[mi.Float]:
 
 
 def _scalar_parts(node, colours: set[str]) -> list:
-    """The largest subgraphs that read none of the `colours`: operands of operators, one of which does."""
+    """Return the largest subgraphs that read none of the `colours`: operands of operators, one of which does."""
     if not node.args or not node.reads(colours):
         return []
     parts = []
@@ -206,19 +206,19 @@ def _scalar_parts(node, colours: set[str]) -> list:
 
 
 def _block(n: int) -> int:
-    """The largest divisor of n that is at most _BLOCK: blocks do not straddle problems."""
+    """Return the largest divisor of n that is at most _BLOCK: blocks do not straddle problems."""
     return max(d for d in range(1, min(n, _BLOCK) + 1) if n % d == 0)
 
 
 def _arrays(params: dict) -> Iterator[mi.Float]:
-    """All arrays of a parameter dictionary, colours and lists taken apart."""
+    """Yield all arrays of a parameter dictionary, colours and lists taken apart."""
     for v in params.values():
         yield from [v] if isinstance(v, mi.Float) else v
 
 
 def _like(params: dict, arrays: Iterator[mi.Float]) -> dict:
-    """A parameter dictionary of the same form with other arrays."""
-    result = {}
+    """Return a parameter dictionary of the same form with other arrays."""
+    result: dict[str, Any] = {}
     for name, v in params.items():
         if isinstance(v, mi.Float):
             result[name] = next(arrays)

@@ -2,37 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..analytic import parameter_space, parameters
+from ..analytic import parameters
+from ..analytic.parameter_space import Space
+from ..data.measurements import Measurements
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..system.progress import Callback, Progress, silent
 from .analytic_fit import objective
 from .objective import Objective
 
+_EVERY = 50  # steps from report to report
 
-def _rmsprop(
-    brdf, measurements, starts, rng, callback, library=None, known=None, *, hold=(), epochs=1000
+
+def fit_rmsprop(
+    brdf: EnhancedBRDF,
+    measurements: Measurements,
+    *,
+    hold: Sequence[str] = (),
+    n_steps: int = 1000,
+    progress: Callback = silent,
 ) -> tuple[np.ndarray, float]:
-    """The paper's recipe (sections 4.3 and 5.1), in the space in which roughness is a logarithm."""
+    """Fit by the paper's recipe (sections 4.3 and 5.1), in the space in which roughness is a logarithm.
+
+    The paper starts every material from the same values, those of :func:`mi_enhance.analytic.parameters.initial`.
+
+    Returns
+    -------
+    array (P,), float
+        Parameters and their loss.
+    """
     from drjit.opt import RMSProp
 
-    del starts, rng, library, known  # the paper starts every material from the same values
     problem = objective(brdf, measurements)
     first = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
     optimizer = RMSProp(lr=1e-3, alpha=0.9, params={"u": mi.Float(problem.space.to_free(first).astype(np.float32))})
 
     def report(step, loss):
-        if step % 50 == 0:
-            callback("rmsprop", step, float(dr.mean(loss)[0]))
+        if step % _EVERY == 0:
+            progress(Progress("rmsprop", step, n_steps, {"loss": float(dr.mean(loss)[0])}))
 
-    u = descend(problem, optimizer, parameter_space.Space(brdf.parameters, hold), epochs, report)
+    u = descend(problem, optimizer, Space(brdf.parameters, hold), n_steps, report)
     return problem.space.to_physical(u), float(problem.loss(u[None])[0])
 
 
-def descend(problem: Objective, optimizer, space: parameter_space.Space, steps: int, callback: Callable) -> np.ndarray:
+def descend(problem: Objective, optimizer, space: Space, n_steps: int, callback: Callable) -> np.ndarray:
     """Take steps with gradients of all samples inside the box of `space`, and return the parameters, (P,).
 
     Parameters
@@ -41,13 +59,13 @@ def descend(problem: Objective, optimizer, space: parameter_space.Space, steps: 
         Of one material.
     optimizer : drjit.opt.Optimizer
         Whose variable ``"u"`` holds the start.
-    space : parameters.Space
-    steps : int
+    space : Space
+    n_steps : int
     callback : callable
         ``callback(step, loss)`` after every step, with the loss of each sample before it.
     """
     low, high = (mi.Float(v.astype(np.float32)) for v in (space.low, space.high))
-    for step in range(steps):
+    for step in range(n_steps):
         flat = mi.Float(dr.detach(optimizer["u"]))
         dr.enable_grad(flat)
         loss, gradient = problem.gradient(flat)

@@ -5,96 +5,81 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from tqdm import tqdm
 
-from ..analytic import parameter_space
+from ..analytic.parameter_space import Space
 from ..data.measurements import Measurements
 from ..neural.enhanced_brdf import EnhancedBRDF
-from ..numerics import levenberg_marquardt
+from ..system.progress import Callback, Progress, silent
+from . import multistart
+from .library_prior import Prior
 from .objective import Objective, stacked
-
-_LANES = 1 << 17  # samples fitted together: bounds the memory, 110 MB of Jacobian for ggx2
-_SCREEN = 16  # samples by which starts are compared as they are
 
 
 class TexelSamples:
-    """Samples of T texels in a random order, and fits of any of them, as many at once as memory allows."""
+    """Samples of T texels in a random order: the first few are a fair choice.
 
-    def __init__(self, wi, wo, f, shape, rng, progress):
-        self.n, self.shape, self.progress = f.shape[-2], shape, progress
-        order = rng.permutation(self.n)  # the first few are then a fair choice
+    Parameters
+    ----------
+    wi, wo : array (S, 3) or (..., S, 3)
+        Directions, the same for all texels or of each.
+    f : array (..., S, 3)
+        Reflectance of each texel.
+    rng : numpy.random.Generator
+        For the order.
+    """
+
+    def __init__(self, wi: np.ndarray, wo: np.ndarray, f: np.ndarray, rng: np.random.Generator):
+        self.n = f.shape[-2]
+        order = rng.permutation(self.n)
         wi, wo, self.f = (np.asarray(a, np.float32)[..., order, :] for a in (wi, wo, f.reshape(-1, self.n, 3)))
         self.wi, self.wo = (a if a.ndim == 2 else a.reshape(self.f.shape) for a in (wi, wo))
 
-    def problem(self, brdf: EnhancedBRDF, index: np.ndarray, n: int | None = None) -> Objective:
-        """The loss of the texels `index`, which may repeat, on their first `n` samples."""
+    def problem(self, brdf: EnhancedBRDF, index: np.ndarray, n_samples: int | None = None) -> Objective:
+        """Return the loss of the texels `index`, which may repeat, on their first `n_samples` samples."""
+        n = n_samples
         return stacked(brdf, *(a[:n] if a.ndim == 2 else a[index, :n] for a in (self.wi, self.wo, self.f)))
 
     def fit(
         self,
         brdf: EnhancedBRDF,
-        starts: Callable,
-        stages: Sequence,
+        starts: Callable[[np.ndarray], np.ndarray],
+        stages: Sequence[multistart.Stage],
         label: str,
+        *,
         index: np.ndarray | None = None,
-        known: Callable | None = None,
+        known: Callable[[np.ndarray], Prior] | None = None,
+        progress: Callback = silent,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Best parameters (T, P) and losses (T,) of the texels `index`, all by default.
+        """Return the best parameters (T, P) and losses (T,) of the texels `index`, all by default.
 
         Parameters
         ----------
         brdf : EnhancedBRDF
         starts : callable
             ``starts(index) -> (T, K, P)``: K starts for each of T texels.
-        stages : sequence of (samples, starts that go on, steps)
+        stages : sequence of Stage
         label : str
-            Of the progress bar.
+            Name of this fit in what `progress` is told.
         index : array, optional
         known : callable, optional
             ``known(index) -> Prior`` with a precision for each texel.
+        progress : callable, optional
+            ``progress(Progress)`` after every batch, in texels.
         """
         index = np.arange(len(self.f)) if index is None else index
-        step = max(1, _LANES // self.n)
+        space, step = Space(brdf.parameters), max(1, multistart.LANES // self.n)
         found = []
-        with tqdm(total=len(index), desc=label, unit="texel", disable=not self.progress, leave=False) as bar:
-            for k in range(0, len(index), step):
-                part = index[k : k + step]
-                found.append(self._fit(brdf, part, starts(part), stages, known(part) if known else None))
-                bar.update(len(part))
-        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
-
-    def _fit(self, brdf, index, u, stages, known):
-        space, losses = parameter_space.Space(brdf.parameters), None
-        for n, survivors, steps in stages:
-            t, k, p = u.shape
-            if survivors is not None and survivors < k:
-                best = np.argsort(losses, axis=1)[:, :survivors]
-                u, k = np.take_along_axis(u, best[..., None], axis=1), survivors
-            parts = []
-            for row in np.array_split(np.arange(t * k), -(-t * k * min(n or self.n, self.n) // _LANES)):
-                problem = self.problem(brdf, index[row // k], n)
-                loss, equations = problem.loss, problem.normal_equations
-                if known:
-                    loss, equations = known.of(row // k).added(problem)
-                flat = u.reshape(-1, p)[row]
-                parts.append(levenberg_marquardt.minimize(loss, equations, flat, space.low, space.high, steps=steps))
-            flat, losses = (np.concatenate(v) for v in zip(*parts, strict=True))
-            u, losses = flat.reshape(t, k, p), losses.reshape(t, k)
-        best = losses.argmin(1)[:, None]
-        u, losses = np.take_along_axis(u, best[..., None], 1)[:, 0], np.take_along_axis(losses, best, 1)[:, 0]
-        return u, losses - (known.loss(u) if known else 0)
-
-    def nearest(self, brdf: EnhancedBRDF, index: np.ndarray, candidates: np.ndarray, k: int) -> np.ndarray:
-        """Those k of the candidates (M, P) that explain each texel best as they are, (T, k, P)."""
-        losses, m = [], len(candidates)
-        for part in np.array_split(index, -(-len(index) * m * _SCREEN // (4 * _LANES))):
-            problem = self.problem(brdf, np.repeat(part, m), _SCREEN)
-            losses.append(problem.loss(np.tile(candidates, (len(part), 1))).reshape(-1, m))
-        return candidates[np.argsort(np.concatenate(losses), axis=1)[:, :k]]
+        for k in range(0, len(index), step):
+            part = index[k : k + step]
+            prior = known(part) if known else None
+            found.append(multistart.minimize(self, brdf, part, starts(part), stages, space=space, known=prior))
+            progress(Progress(label, k + len(part), len(index), {"loss": float(found[-1][1].mean())}))
+        u, losses = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return u, losses
 
 
 def check(where: str, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> tuple[int, int]:
-    """Height and width in texels, or a ValueError that begins with `where`.
+    """Return height and width in texels, or raise a ValueError that begins with `where`.
 
     Parameters
     ----------

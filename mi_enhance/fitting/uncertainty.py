@@ -23,12 +23,12 @@ _OPEN = 0.5
 def determined(
     material: Material, measurements: Measurements, log_l1: float, hold: Sequence[str] = ()
 ) -> tuple[dict[str, list[float]], list[str]]:
-    r"""Standard deviations of the parameters of a fit, and those that the samples say nothing about.
+    r"""Return standard deviations of the parameters of a fit, and the names of those that the samples leave open.
 
     The residuals of the loss are taken for independent, with a Laplace distribution of the mean size b they have:
-    least absolute deviations then have the covariance :math:`b^2 (J^T J)^{-1}`. To its inverse comes that of all
-    values a parameter may have, which makes it regular. Errors of the model are not independent: take the numbers for
-    lower bounds, and for a ranking.
+    least absolute deviations then have the covariance :math:`b^2 (J^T J)^{-1}`. The inverse covariance of a uniform
+    prior over the range of each parameter is added, so that the sum is invertible. Errors of the model are not
+    independent: take the numbers for lower bounds, and for a ranking.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def determined(
 
 
 def _posterior(normal: np.ndarray, residual: float, spread: np.ndarray) -> np.ndarray:
-    """Covariance of parameters with the given J^T J, mean residual, and standard deviations without any samples.
+    """Return the covariance of parameters with the given J^T J, mean residual, and standard deviations a priori.
 
     Examples
     --------

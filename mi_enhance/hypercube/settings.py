@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from ..analytic import models
-from ..neural.inputs import INPUTS
+from ..neural.inputs import INPUTS, InputKind
 from ..system.settings import FLAG, LIST, TABLE, TEXT, Rule, Settings, number, one_of, setting, whole
 
 COSTS = ("multiply-adds", "measured")
@@ -67,7 +67,7 @@ class SearchSettings(Settings):
     tolerance: float = setting(0.01, number())
     price: float = setting(0.0, number())
     cost: str = setting("multiply-adds", one_of(*COSTS))
-    inputs: str = setting("shape", one_of(*INPUTS))
+    inputs: InputKind = setting("shape", one_of(*INPUTS))
     modulated: bool = setting(True, FLAG)
     n_latent: int = setting(27, whole())
     n_samples: int = setting(4096, whole(1))
@@ -87,7 +87,8 @@ def settings_for(model: models.Model | str, given: Mapping[str, Any]) -> SearchS
     ValueError, KeyError
         For an unknown or impossible setting, or a model that no file could name.
     """
-    model = models.get(model) if isinstance(model, str) else model
+    if isinstance(model, str):
+        model = models.from_toml(model) if model.endswith(".toml") else models.get(model)
     settings = SearchSettings.of({**given, "model": model.text or model.name})
     if str(model_of(settings)) != str(model):
         raise ValueError(
@@ -100,4 +101,4 @@ def settings_for(model: models.Model | str, given: Mapping[str, Any]) -> SearchS
 def model_of(settings: SearchSettings) -> models.Model:
     """Return the model that the settings name, or hold as a text."""
     text = settings.model
-    return models.from_expression(text) if "\n" in text else models.registered(text)
+    return models.from_expression(text) if "\n" in text else models.get(text)

@@ -13,6 +13,7 @@ from ..analytic.alternative_terms import with_terms
 from ..analytic.models.model import Model
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.mlp import check_sizes
 
 State = tuple[int, ...]
 # The content of a slot: None (the original), hidden sizes of a network, or the name of another analytic term.
@@ -58,9 +59,7 @@ def choices(
     (None, (16, 32, 16), 'D_ggx')
     """
     alternatives, fixed = alternatives or {}, fixed or {}
-    if any(not isinstance(sizes, (list, tuple)) or not _sizes_are_good(sizes) for sizes in modules):
-        raise ValueError(f"choices(): modules {modules}: each needs 1 to 8 hidden sizes of 1 to 1024, as [16, 32, 16].")
-    sizes: tuple[Choice, ...] = tuple(map(tuple, modules))
+    sizes: tuple[Choice, ...] = tuple(check_sizes(hidden, "choices(): modules") for hidden in modules)
     for slot in (*alternatives, *fixed):
         model.graph.find(slot)
     for slot, word in fixed.items():
@@ -78,10 +77,6 @@ def choices(
         for term in terms:
             with_terms(model, {node.name: term})  # raises if it cannot stand here
     return result
-
-
-def _sizes_are_good(sizes: Sequence[int]) -> bool:
-    return 1 <= len(sizes) <= 8 and all(isinstance(n, int) and 1 <= n <= 1024 for n in sizes)
 
 
 def neighbours(

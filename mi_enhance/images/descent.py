@@ -67,7 +67,7 @@ class Descent:
         for key, value in values.items():
             if key in known:
                 size = moved[key].size if key in moved else np.size(value)
-                moved[key] = known[key].to_free(np.broadcast_to(np.asarray(value, np.float64).ravel(), size))
+                moved[key] = known[key].space.to_free(np.broadcast_to(np.asarray(value, np.float64).ravel(), size))
             else:
                 put(self.params, key, value)
         self._moved = moved
@@ -78,7 +78,7 @@ class Descent:
 
     def values(self) -> dict[str, np.ndarray]:
         """All unknowns, physical and flat."""
-        return {u.key: u.to_physical(self._moved[u.key]) for u in self._all()}
+        return {u.key: u.space.to_physical(self._moved[u.key]) for u in self._all()}
 
     def _all(self) -> tuple[Unknown, ...]:
         return (*self.unknowns, self.light) if self.light else self.unknowns
@@ -87,7 +87,7 @@ class Descent:
         """Hand the values to the scene; return those that gradients arrive at, and the factor of the light."""
         self._hand_over(self.values(), attach)
         light = dr.opaque(
-            mi.Float, float(self.light.to_physical(self._moved[self.light.key])[0]) if self.light else 1.0
+            mi.Float, float(self.light.space.to_physical(self._moved[self.light.key])[0]) if self.light else 1.0
         )
         if attach and self.light:
             dr.enable_grad(light)
@@ -172,13 +172,13 @@ class Descent:
             if hold_late and u.is_late:
                 gradient = np.zeros_like(moved)
             with np.errstate(invalid="ignore"):  # infinity times 0 is NaN, which is left out below
-                slope = gradient * u.slope(moved)
+                slope = gradient * u.space.slope(moved)
             usable = np.abs(slope) < _LARGEST  # false for NaN, too
             self.nonfinite += int((~usable).sum())
             dr.set_grad(self._adam[u.key], mi.Float(np.where(usable, slope, 0).astype(np.float32)))
         self._adam.step()
         for u in self._all():
-            low, high = u.bounds
+            low, high = u.space.bounds
             self._adam[u.key] = dr.clip(dr.detach(self._adam[u.key]), low, high)
             self._moved[u.key] = np.array(dr.detach(self._adam[u.key]), np.float64)
         seconds = time.perf_counter() - self.start

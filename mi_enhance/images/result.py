@@ -98,7 +98,7 @@ def result(
             found = normalize(
                 dataclasses.replace(one.read(descent.params), report=_of_material(report, one), library=None)
             )
-            materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found))
+            materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found.brdf, found.as_drjit()))
     return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in views])
 
 

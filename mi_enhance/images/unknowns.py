@@ -1,4 +1,4 @@
-"""Which parameters of a scene a fit to images moves, and in which space.
+"""The parameters of a scene that a fit to images moves.
 
 An unknown is a key of ``mi.traverse(scene)`` with a range: a parameter of an enhanced BSDF, of any BSDF of Mitsuba, a
 number, a colour or all texels of a texture.
@@ -12,21 +12,14 @@ from collections.abc import Mapping, Sequence
 import mitsuba as mi
 import numpy as np
 
+from ..analytic.parameter_space import BoundedSpace
 from ..analytic.parameters import Parameter
 from .scene_materials import HELD, find, get
-
-# By how much of its range a sigmoid overshoots both ends: an albedo of exactly 0 or 1 can be reached, and left again.
-_OVERSHOOT = 1e-3
-# Joined when the analytic parameters have found their place.
-LATE = ("latent", "asymmetry")
 
 
 @dataclasses.dataclass(frozen=True)
 class Unknown:
-    """A scene parameter that is sought.
-
-    Where the model asks for it its logarithm moves; what starts at 0 (albedos, F0, shares) is a sigmoid of what moves;
-    the rest is moved as it is, inside its range.
+    """A scene parameter that is sought; it moves in a :class:`mi_enhance.analytic.parameter_space.BoundedSpace`.
 
     Parameters
     ----------
@@ -38,7 +31,7 @@ class Unknown:
     Examples
     --------
     >>> u = Unknown("ball.bsdf.alpha", Parameter("alpha", 1, 1e-3, 1.0, 0.2, log=True))
-    >>> u.to_physical(u.to_free(np.array([0.1])))
+    >>> u.space.to_physical(u.space.to_free(np.array([0.1])))
     array([0.1])
     """
 
@@ -47,51 +40,17 @@ class Unknown:
 
     @property
     def is_late(self) -> bool:
-        """Whether it stays put at first."""
-        return self.parameter.name in LATE
+        """True if it joins when the analytic parameters have found their place."""
+        return self.parameter.is_neural
 
     @property
-    def _is_sigmoid(self) -> bool:
-        return not self.parameter.log and self.parameter.low == 0
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Range of what moves."""
-        low, high = self.to_free(np.array([self.parameter.low, self.parameter.high]))
-        return float(low), float(high)
-
-    def to_free(self, value: np.ndarray) -> np.ndarray:
-        """Physical values to those that move."""
-        value = np.clip(value, self.parameter.low, self.parameter.high)
-        if self.parameter.log:
-            return np.log(value)
-        if self._is_sigmoid:
-            share = (value / self.parameter.high + _OVERSHOOT) / (1 + 2 * _OVERSHOOT)
-            return np.log(share / (1 - share))
-        return np.asarray(value, np.float64)
-
-    def to_physical(self, moved: np.ndarray) -> np.ndarray:
-        """The inverse of :meth:`to_free`; what moved out of its bounds is taken as on them."""
-        moved = np.clip(moved, *self.bounds)
-        if self.parameter.log:
-            moved = np.exp(moved)
-        elif self._is_sigmoid:
-            share = 1 / (1 + np.exp(-moved))
-            moved = (share * (1 + 2 * _OVERSHOOT) - _OVERSHOOT) * self.parameter.high
-        return np.clip(moved, self.parameter.low, self.parameter.high)
-
-    def slope(self, moved: np.ndarray) -> np.ndarray:
-        """Derivatives of the physical values with respect to those that move."""
-        if self.parameter.log:
-            return np.exp(moved)
-        if self._is_sigmoid:
-            share = 1 / (1 + np.exp(-moved))
-            return share * (1 - share) * (1 + 2 * _OVERSHOOT) * self.parameter.high
-        return np.ones_like(moved)
+    def space(self) -> BoundedSpace:
+        """The space in which it moves."""
+        return BoundedSpace(self.parameter)
 
 
 def enhanced(scene: mi.Scene, names: Sequence[str] | None = None) -> list[Unknown]:
-    """Parameters of the enhanced BSDFs of a scene.
+    """Return the parameters of the enhanced BSDFs of a scene.
 
     Parameters
     ----------
@@ -143,19 +102,19 @@ def enhanced(scene: mi.Scene, names: Sequence[str] | None = None) -> list[Unknow
 
 
 def of_plugin(prefix: str, ranges: Mapping[str, tuple[float, float]], log: Sequence[str] = ()) -> list[Unknown]:
-    """Parameters of any BSDF, by the name of each below its prefix: for Mitsuba's own plugins.
+    """Return parameters of any BSDF, by the name of each below its prefix: for Mitsuba's own plugins.
 
     Parameters
     ----------
     prefix : str
-        What the keys of ``mi.traverse(scene)`` begin with.
+        The beginning of the keys of ``mi.traverse(scene)``.
     ranges : dict of str to (low, high)
     log : sequence of str
         Names of those whose logarithm is to move, such as a roughness.
 
     Examples
     --------
-    >>> of_plugin("ball.bsdf", {"roughness.value": (0.03, 1)}, log=["roughness.value"])[0].bounds
+    >>> of_plugin("ball.bsdf", {"roughness.value": (0.03, 1)}, log=["roughness.value"])[0].space.bounds
     (-3.506..., 0.0)
     """
     return [

@@ -96,6 +96,6 @@ def changes_of(descent: Descent, unknowns: Sequence[Unknown], targets: Sequence[
 
 
 def _moved(u: Unknown, value: np.ndarray) -> np.ndarray:
-    low, high = u.bounds
-    free = u.to_free(value)
-    return u.to_physical(free + np.where(free < (low + high) / 2, 0.5, -0.5) * (high - low))
+    low, high = u.space.bounds
+    free = u.space.to_free(value)
+    return u.space.to_physical(free + np.where(free < (low + high) / 2, 0.5, -0.5) * (high - low))

@@ -16,7 +16,8 @@ import numpy as np
 
 from ..analytic import parameters
 from ..analytic.graph import Node
-from ..sampling import importance
+from ..analytic.parameters import MAX_LOG
+from ..sampling import albedo
 from .material import Material
 
 _SAMPLES = 1 << 14
@@ -40,12 +41,12 @@ def normalize(material: Material) -> Material:
     terms = list(_terms(material))
     albedos = _albedos(material) if terms else []
     for k, slot, colour in terms:
-        albedo, analytic = albedos[k]
+        enhanced, analytic = albedos[k]
         largest = params[colour.name].max()
         # 1e-6: a term that reflects nothing, or has no colour, has nothing to move
-        if min(albedo, analytic, largest) < 1e-6:
+        if min(enhanced, analytic, largest) < 1e-6:
             continue
-        scale = np.clip(min(albedo / analytic, colour.high / largest), np.exp(-20), np.exp(20))
+        scale = np.clip(min(enhanced / analytic, colour.high / largest), np.exp(-MAX_LOG), np.exp(MAX_LOG))
         params[colour.name] = params[colour.name] * scale
         params[f"norm_{slot}"] = np.array([-np.log(scale)])
     return dataclasses.replace(material, params=params)
@@ -66,7 +67,7 @@ def _terms(material: Material) -> Iterator[tuple[int, str, parameters.Parameter]
     colours = {p.name: p for p in material.brdf.model.parameters if p.is_colour}
     for k, term in enumerate(_parts(material.brdf.model.graph, "+")):
         slots = [n.name for n in _parts(term, "*") if f"norm_{n.name}" in material.params]
-        own = [name for node in term.walk() for name in node.inputs if name in colours]
+        own = [name for node in term.walk() for name in node.inputs or () if name in colours]
         operators = any(n.args and n.name in material.brdf.modules for n in term.walk())
         if slots and len(own) == 1 and not operators:  # a network of operands is not linear in them
             yield k, slots[0], colours[own[0]]
@@ -88,16 +89,13 @@ def _albedos(material: Material) -> list[tuple[float, float]]:
     rng = np.random.default_rng(0)
     u = [mi.Float(rng.random(_SAMPLES).astype(np.float32)) for _ in range(5)]
     wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))
-    n_lobes = len(brdf.model.lobes(params))
-    even = [mi.Float(0.5 / n_lobes)] * n_lobes
-    wo = importance.sample(wi, params, even, u[2], mi.Point2f(u[3], u[4]), brdf.model)
-    density = importance.pdf(wi, wo, params, even, brdf.model)
+    even = albedo.even_shares(len(brdf.model.lobes(params)))
+    wo, density = albedo.draw(wi, params, even, u[2:], brdf.model)
     graph, record, active = brdf.prepare(wi, wo, params)
-    active &= density > 0
 
     def mean(node):
-        f = mi.Color3f(node(record)).x * wo.z / density
-        return float(dr.mean(dr.select(active, f, 0))[0])
+        value = albedo.reflected(mi.Color3f(node(record)).x, wo, density)
+        return float(dr.mean(dr.select(active, value, 0))[0])
 
     pairs = zip(_parts(graph, "+"), _parts(brdf.model.graph, "+"), strict=True)
     return [(mean(enhanced), mean(analytic)) for enhanced, analytic in pairs]

@@ -5,23 +5,24 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import Counter
-from importlib import metadata
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameters
+from ..analytic.models import Model
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
-from ..neural.mlp import flatten
+from ..neural.trainable import fused
+from ..numerics.arrays import vector3f
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
-from ..system import tensor_file
 from ..system.bundled_files import DEFAULT_NETWORK, network_file
-from ..system.files import replacing
 from . import material_file
 from .old_names import OldNames
+from .reports import SpecializeReport
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,15 +36,17 @@ class Material(OldNames):
     params : dict of str to array
         Parameter values, float64; completed with the starting values if some are left out.
     report : dict
-        How it was made: errors, seconds, settings. JSON types only.
+        How it was made: errors, seconds, settings. JSON types only; see :mod:`mi_enhance.material.reports`.
     library : array (M, n_parameters), optional
         Parameters of the training materials: where fits start. Only networks carry one, fitted materials do not.
     lobe_albedo : float
-        Albedo of the specular lobe for rho_s = 1; decides how often it is sampled, see :mod:`mi_enhance.sampling.importance`.
+        Albedo of the lobes for rho_s = 1: how often quadratures draw them, see :mod:`mi_enhance.sampling.albedo`.
     mixture : Mixture, optional
-        How it is sampled, found by :func:`mi_enhance.sampling.mixture_fit.fit_mixture`; by `lobe_albedo` alone if left out.
+        How it is sampled, found by :func:`mi_enhance.sampling.mixture_fit.fit_mixture`; made of `lobe_albedo` if left
+        out.
     bound_energy : bool
-        Hold the directional albedo at 1 or below, whatever the parameters are edited to, see :mod:`mi_enhance.sampling.energy_bound`.
+        Hold the directional albedo at 1 or below, whatever the parameters are edited to, see
+        :mod:`mi_enhance.sampling.energy_bound`.
 
     Examples
     --------
@@ -79,9 +82,9 @@ class Material(OldNames):
     # ------------------------------------------------------------------ where they come from
 
     @staticmethod
-    def analytic(name: str) -> Material:
-        """An analytic model without networks, at its starting values; by name, or from a ``.toml`` file."""
-        return Material(enhance(name, replace=()), {})
+    def analytic(model: Model | str) -> Material:
+        """Return an analytic model, or the one of that name, without modules and at its starting values."""
+        return Material(enhance(model, replace=()), {})
 
     @staticmethod
     def pretrained(name: str = DEFAULT_NETWORK) -> Material:
@@ -118,8 +121,8 @@ class Material(OldNames):
 
     @property
     def unspecialized(self) -> Material:
-        """The material that :func:`mi_enhance.specialization.specialize` made this one from; itself if it is none of those."""
-        report = {key: value for key, value in self.report.items() if not key.startswith("specialize_")}
+        """The material that a specialized one was made from; the same if it is not specialized."""
+        report = {key: value for key, value in self.report.items() if key not in SpecializeReport.__annotations__}
         return dataclasses.replace(self, brdf=dataclasses.replace(self.brdf, distilled=()), report=report)
 
     def show(self) -> str:
@@ -155,6 +158,13 @@ class Material(OldNames):
         """True if f(wi, wo) = f(wo, wi) by construction: the networks, if any, do not tell viewer from light."""
         return self.brdf.inputs != "directions" and not self.params.get("asymmetry", np.zeros(1)).any()
 
+    @property
+    def sampled_by(self) -> Mixture:
+        """How directions are drawn: :attr:`mixture`, or what stands in for it; needs a JIT variant."""
+        return self.mixture or lobe_mixture.of_lobe_albedo(
+            len(self.brdf.model.lobes(self.as_drjit())), self.lobe_albedo
+        )
+
     def as_vector(self) -> np.ndarray:
         """All parameters in order, float64."""
         return parameters.flatten(self.brdf.parameters, self.params)
@@ -174,15 +184,25 @@ class Material(OldNames):
         Returns
         -------
         array (N, 3)
-            Linear RGB; 0 below the horizon.
+            Linear RGB, float32; 0 below the horizon.
+
+        Raises
+        ------
+        ValueError
+            If the shapes are not both (N, 3), or a direction is not finite or not of length 1.
+
+        Examples
+        --------
+        >>> Material.analytic("ggx").edit(rho_s=0).evaluate([[0, 0, 1]], [[0, 0.6, 0.8]]).round(3)
+        array([[0.159, 0.159, 0.159]], dtype=float32)
         """
-        wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
+        view, light = _directions(wi, wo)
         params = self.as_drjit()
-        f = self.brdf(wi, wo, params)
+        dr.make_opaque(params)  # data: all materials of one network share a kernel
+        f = self.brdf(view, light, params, fused(self.brdf.modules))
         if self.bound_energy:
-            shares = lobe_mixture.shares(params, self.lobe_albedo, self.brdf.model)
-            bound = energy_bound.table(self.brdf, params, shares)
-            f = energy_bound.bounded(f, bound, wi, wo, params)
+            bound = energy_bound.table(self.brdf, params, self.lobe_albedo)
+            f = energy_bound.bounded(f, bound, view, light, params)
         return np.array(f).T
 
     def bsdf(self) -> mi.BSDF:
@@ -193,9 +213,9 @@ class Material(OldNames):
         """The dictionary that ``mi.load_dict`` takes, to be placed in a scene."""
         return {
             "type": "enhanced",
-            "description": json.dumps(self._description()),
+            "description": json.dumps(material_file.describe(self)),
             "params": mi.Float(self.as_vector().astype(np.float32)),
-            "weights": mi.Float(np.concatenate([flatten(self.brdf.modules), material_file.flat(self.brdf.distilled)])),
+            "weights": mi.Float(material_file.weights(self.brdf)),
         }
 
     # ------------------------------------------------------------------ files
@@ -208,16 +228,7 @@ class Material(OldNames):
         path : str or Path
             Replaced as a whole or not at all.
         """
-        tensors = {"params": self.as_vector().astype(np.float32)}
-        for slot, mlp in self.brdf.modules.items():
-            for k, (w, b) in enumerate(mlp.layers):
-                tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
-        if self.brdf.distilled:
-            tensors["compact"] = material_file.flat(self.brdf.distilled)
-        if self.library is not None:
-            tensors["library"] = self.library.astype(np.float32)
-        with replacing(path) as temporary:
-            tensor_file.write(temporary, {"description": json.dumps(self._description()), **tensors})
+        material_file.write(path, self)
 
     @staticmethod
     def load(path: str | Path) -> Material:
@@ -235,27 +246,25 @@ class Material(OldNames):
         """Rebuild what :meth:`to_dict` took apart."""
         return Material(**material_file.from_arrays(description, params, weights))
 
-    def _description(self) -> dict:
-        brdf = self.brdf
-        return {
-            "kind": material_file.KIND,
-            "format": material_file.FORMAT,
-            "equation": str(brdf),
-            "model": brdf.model.name,
-            "model_text": brdf.model.text,
-            "terms": dict(brdf.model.terms),
-            "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.modules.items()},
-            "n_latent": brdf.n_latent,
-            "inputs": brdf.inputs,
-            "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
-            "parameters": [[p.name, p.size] for p in brdf.parameters],
-            **({"compact": [c.describe() for c in brdf.distilled]} if brdf.distilled else {}),
-            "lobe_albedo": self.lobe_albedo,
-            "energy": self.bound_energy,
-            **({"mixture": self.mixture._asdict()} if self.mixture else {}),
-            "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
-            "report": self.report,
-        }
+
+def _directions(wi: np.ndarray, wo: np.ndarray) -> list[mi.Vector3f]:
+    """The directions as lanes, or an error before any kernel runs."""
+    arrays = {"wi": np.asarray(wi, np.float32), "wo": np.asarray(wo, np.float32)}
+    shapes = [w.shape for w in arrays.values()]
+    if shapes[0] != shapes[1] or len(shapes[0]) != 2 or shapes[0][1] != 3 or not shapes[0][0]:
+        raise ValueError(
+            f"Material.evaluate(): wi and wo have shapes {shapes[0]} and {shapes[1]}; both must be (N, 3)."
+        )
+    for key, w in arrays.items():
+        # 1e-3: float32 and short decimals, as for measurements; NaN and infinity are not within it either
+        bad = ~(np.abs(np.linalg.norm(w.astype(np.float64), axis=1) - 1) <= 1e-3)
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise ValueError(
+                f"Material.evaluate(): {key}[{k}] is {w[k].tolist()}; it must have length 1. {int(bad.sum())} of "
+                f"{len(w)} directions are like this. Divide them by their length."
+            )
+    return [vector3f(w) for w in arrays.values()]
 
 
 def _by_name(components: list[str]) -> list[str]:

@@ -1,10 +1,16 @@
-"""Materials in files: one ``.bsdf`` each, checked when read."""
+"""Materials in files: one ``.bsdf`` each, Mitsuba's tensor container with a JSON description; checked when read.
+
+The plugin takes the same description, parameters and weights as arrays: :func:`from_arrays`.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable, Mapping
+from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -13,11 +19,14 @@ from ..analytic import alternative_terms, models, parameters
 from ..neural import distilled_network
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
-from ..neural.mlp import unflatten
+from ..neural.mlp import MLP, flatten, unflatten
 from ..sampling import lobe_mixture
 from ..sampling.lobe_mixture import Mixture
 from ..system import tensor_file
-from ..system.files import require_file
+from ..system.files import replacing, require_file
+
+if TYPE_CHECKING:
+    from .material import Material
 
 # Of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`; before 3
 # there was no `energy`, which an older reader would not hold, and no `mixture`.
@@ -40,31 +49,58 @@ def read(path: str | Path) -> dict:
             f"{where}: not a material of mi_enhance: it has no params and description. Got: {list(fields)}."
         )
     arrays = {name: tensor_file.values(file, f) for name, f in fields.items()}
-    for name, array in arrays.items():
-        if name == "description":
-            continue
-        if array.dtype != np.float32:
-            raise ValueError(f"{where}: {name} holds {array.dtype}; float32 is needed. Save the material again.")
-        if not np.isfinite(array).all():
-            raise ValueError(f"{where}: {name} holds NaN or infinity. Save the material again.")
+    _check_numbers(arrays, where)
     description = _read_description(arrays["description"].tobytes(), where)
     template = _template(description, where)
-    networks = {}
-    for slot, mlp in template.modules.items():
-        layers = []
-        for k, (w, b) in enumerate(mlp.layers):
-            names = f"{slot}.layers.{k}.weights", f"{slot}.layers.{k}.bias"
-            for name, expected in zip(names, (w, b), strict=True):
-                if name not in arrays or arrays[name].shape != expected.shape:
-                    got = arrays[name].shape if name in arrays else "nothing"
-                    raise ValueError(f"{where}: {name} should have shape {expected.shape}; got {got}. Save it again.")
-            layers.append(tuple(arrays[name].astype(np.float32) for name in names))
-        networks[slot] = dataclasses.replace(mlp, layers=tuple(layers))
     brdf = dataclasses.replace(
-        template, modules=networks, distilled=_compact(description, arrays.get("compact"), template, where)
+        template,
+        modules={slot: _module(slot, mlp, arrays, where) for slot, mlp in template.modules.items()},
+        distilled=_distilled(description, arrays.get("compact"), template, where),
     )
-    library = arrays.get("library")
-    return _assemble(brdf, arrays["params"], description, where, library)
+    return _fields(brdf, arrays["params"], description, where, arrays.get("library"))
+
+
+def write(path: str | Path, material: Material) -> None:
+    """Write what :func:`read` reads; the file is replaced as a whole or not at all."""
+    tensors = {"params": material.as_vector().astype(np.float32)}
+    for slot, mlp in material.brdf.modules.items():
+        for k, (w, b) in enumerate(mlp.layers):
+            tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
+    if material.brdf.distilled:
+        tensors["compact"] = _flat(material.brdf.distilled)
+    if material.library is not None:
+        tensors["library"] = material.library.astype(np.float32)
+    with replacing(path) as temporary:
+        tensor_file.write(temporary, {"description": json.dumps(describe(material)), **tensors})
+
+
+def describe(material: Material) -> dict:
+    """Return the description of a material, as JSON: all but its numbers."""
+    brdf = material.brdf
+    return {
+        "kind": KIND,
+        "format": FORMAT,
+        "equation": str(brdf),
+        "model": brdf.model.name,
+        "model_text": brdf.model.text,
+        "terms": dict(brdf.model.terms),
+        "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.modules.items()},
+        "n_latent": brdf.n_latent,
+        "inputs": brdf.inputs,
+        "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
+        "parameters": [[p.name, p.size] for p in brdf.parameters],
+        **({"compact": [c.describe() for c in brdf.distilled]} if brdf.distilled else {}),
+        "lobe_albedo": material.lobe_albedo,
+        "energy": material.bound_energy,
+        **({"mixture": material.mixture._asdict()} if material.mixture else {}),
+        "versions": {name: metadata.version(name) for name in ("mi-enhance", "mitsuba", "drjit", "numpy")},
+        "report": material.report,
+    }
+
+
+def weights(brdf: EnhancedBRDF) -> np.ndarray:
+    """Return all weights as one float32 vector, as :func:`from_arrays` takes them."""
+    return np.concatenate([flatten(brdf.modules), _flat(brdf.distilled)])
 
 
 def from_arrays(description: str, params, weights) -> dict:
@@ -79,9 +115,36 @@ def from_arrays(description: str, params, weights) -> dict:
     brdf = dataclasses.replace(
         template,
         modules=unflatten(template.modules, own),
-        distilled=_compact(parsed, rest, template, where),
+        distilled=_distilled(parsed, rest, template, where),
     )
-    return _assemble(brdf, np.asarray(params), parsed, where, None)
+    return _fields(brdf, np.asarray(params), parsed, where, None)
+
+
+def _check_numbers(arrays: Mapping[str, np.ndarray], where: str) -> None:
+    """Raise unless all arrays but the description hold finite float32."""
+    for name, array in arrays.items():
+        if name == "description":
+            continue
+        if array.dtype != np.float32:
+            raise ValueError(f"{where}: {name} holds {array.dtype}; float32 is needed. Save the material again.")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{where}: {name} holds NaN or infinity. Save the material again.")
+
+
+def _module(slot: str, mlp: MLP, arrays: Mapping[str, np.ndarray], where: str) -> MLP:
+    """The module of a slot with the weights of a file, which must have the shapes of `mlp`."""
+
+    def array(name: str, shape: tuple[int, ...]) -> np.ndarray:
+        if name not in arrays or arrays[name].shape != shape:
+            got = arrays[name].shape if name in arrays else "nothing"
+            raise ValueError(f"{where}: {name} should have shape {shape}; got {got}. Save it again.")
+        return arrays[name]
+
+    layers = tuple(
+        (array(f"{slot}.layers.{k}.weights", w.shape), array(f"{slot}.layers.{k}.bias", b.shape))
+        for k, (w, b) in enumerate(mlp.layers)
+    )
+    return dataclasses.replace(mlp, layers=layers)
 
 
 def _read_description(text: bytes, where: str) -> dict:
@@ -106,14 +169,11 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
         if isinstance(replace, list):
             replace = dict.fromkeys(replace, description["hidden"])
         # before any array is made: a few characters must not ask for all the memory there is
-        for slot, hidden in replace.items():
-            if not 1 <= len(hidden) <= 8 or any(not 0 < int(n) <= 1024 for n in hidden):
-                raise ValueError(f"hidden layers {hidden[:8]} of {slot} out of range: 1 to 8 layers of 1 to 1024")
         if not 0 <= n_latent <= 1024:
             raise ValueError(f"n_latent {n_latent} out of range: 0 to 1024")
         return enhance(
             alternative_terms.with_terms(_model(description), description.get("terms", {})),
-            {slot: [int(n) for n in hidden] for slot, hidden in replace.items()},
+            dict(replace),
             n_latent=n_latent,
             inputs=description["inputs"],
             modulated=bool(description.get("modulated", False)),
@@ -125,15 +185,15 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
 def _model(description: dict) -> models.Model:
     """The package's own by name, another from the text that is in the file: no other file is read."""
     text = description.get("model_text", "")
-    return models.from_expression(text) if text else models.registered(description["model"])
+    return models.from_expression(text) if text else models.get(description["model"])
 
 
-def flat(networks: tuple[distilled_network.DistilledNetwork, ...]) -> np.ndarray:
+def _flat(networks: Iterable[distilled_network.DistilledNetwork]) -> np.ndarray:
     return np.concatenate([np.zeros(0, np.float32), *(c.flat for c in networks)])
 
 
-def _compact(description: dict, weights: np.ndarray | None, template: EnhancedBRDF, where: str) -> tuple:
-    """The compact networks of a file, of which a material need not have any."""
+def _distilled(description: dict, weights: np.ndarray | None, template: EnhancedBRDF, where: str) -> tuple:
+    """The distilled networks of a file, if there are any; format and messages call them compact."""
     if "compact" not in description:
         return ()
     try:
@@ -150,7 +210,10 @@ def _compact(description: dict, weights: np.ndarray | None, template: EnhancedBR
         ) from error
 
 
-def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: str, library) -> dict:
+def _fields(
+    brdf: EnhancedBRDF, params: np.ndarray, description: Mapping, where: str, library: np.ndarray | None
+) -> dict:
+    """The fields of a material, checked."""
     if params.shape != (brdf.n_parameters,):
         raise ValueError(f"{where}: params has shape {params.shape}; ({brdf.n_parameters},) is needed for {brdf}.")
     if library is not None and (library.ndim != 2 or library.shape[1] != brdf.n_parameters):
@@ -160,25 +223,26 @@ def _assemble(brdf: EnhancedBRDF, params: np.ndarray, description: dict, where: 
     lobe_albedo = description.get("lobe_albedo")
     if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < 1e30:
         raise ValueError(f"{where}: lobe_albedo must be a number of at least 0; got {lobe_albedo!r}. Save it again.")
-    energy = description.get("energy", False)
-    if not isinstance(energy, bool):
-        raise ValueError(f"{where}: energy must be true or false; got {energy!r}. Save it again.")
-    report = description.get("report", {})
-    if not isinstance(report, dict):
-        raise ValueError(f"{where}: report must be an object {{ ... }}; got {report!r}. Save it again.")
-    mixture = _mixture(description, brdf, where)
     return {
         "brdf": brdf,
         "params": values,
-        "report": report,
+        "report": _typed(description, "report", {}, "an object { ... }", where),
         "library": library,
         "lobe_albedo": float(lobe_albedo),
-        "bound_energy": energy,
-        "mixture": mixture,
+        "bound_energy": _typed(description, "energy", False, "true or false", where),
+        "mixture": _mixture(description, brdf, where),
     }
 
 
-def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | None:
+def _typed(description: Mapping, key: str, default: Any, what: str, where: str) -> Any:
+    """An entry of the type of its default."""
+    value = description.get(key, default)
+    if not isinstance(value, type(default)):
+        raise ValueError(f"{where}: {key} must be {what}; got {value!r}. Save it again.")
+    return value
+
+
+def _mixture(description: Mapping, brdf: EnhancedBRDF, where: str) -> Mixture | None:
     """How the material of a file is sampled; a file need not say."""
     if description.get("mixture") is None:
         return None
@@ -189,11 +253,12 @@ def _mixture(description: dict, brdf: EnhancedBRDF, where: str) -> Mixture | Non
         scales, albedos = (np.array(description["mixture"][key], np.float64) for key in Mixture._fields)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{where}: its mixture cannot be understood ({error!r}). Fit it again.") from error
-    good = scales.shape == (n,) and albedos.shape == (n + 1, lobe_mixture.NODES)
+    shape = (n + 1, lobe_mixture.NODES)
+    good = scales.shape == (n,) and albedos.shape == shape
     # 100, 1: far beyond what a fit tries, and what the largest albedo is scaled to
     if not (good and (scales > 0).all() and (scales <= 100).all() and (albedos >= 0).all() and (albedos <= 1).all()):
         raise ValueError(
-            f"{where}: its mixture must be {n} scale(s) in (0, 100] and albedos {(n + 1, lobe_mixture.NODES)} in [0, 1]; "
+            f"{where}: its mixture must be {n} scale(s) in (0, 100] and albedos {shape} in [0, 1]; "
             f"got scales {scales.tolist()} and albedos of shape {albedos.shape}. Fit it again."
         )
     return Mixture(tuple(scales.tolist()), tuple(map(tuple, albedos.tolist())))

@@ -14,6 +14,7 @@ import numpy as np
 from ..analytic import parameters
 from ..neural import mlp
 from ..system.files import digest, replacing, require_file
+from .exr_channels import read_channels
 from .material import Material
 
 FORMAT = 1  # of the files; a reader refuses what is newer
@@ -135,12 +136,17 @@ class MaterialMaps:
         Raises
         ------
         FileNotFoundError, ValueError
-            If the file is missing, damaged, newer than this package, made for other networks, or if a channel is
-            missing, unknown or holds NaN.
+            If the file is missing, damaged, cropped, newer than this package, made for other networks, or if a channel
+            is missing, unknown or holds NaN.
         """
         where = f'MaterialMaps.load("{path}")'
-        channels, text = _read(require_file(path, where), where)
-        description = _read_description(text, where)
+        channels, header = read_channels(require_file(path, where), where)
+        if _ATTRIBUTE not in header:
+            raise ValueError(
+                f'{where}: an OpenEXR file, but not maps of mi_enhance: its header has no "{_ATTRIBUTE}". A single '
+                "texture goes into the scene by the name of its parameter."
+            )
+        description = _read_description(header[_ATTRIBUTE], where)
         ours = _digest(material)
         if description.get("digest") != ours:
             raise ValueError(
@@ -217,24 +223,6 @@ def _joined(material: Material, channels: Mapping[str, np.ndarray], where: str) 
         if not missing:
             maps[name] = np.stack([channels[c] for c in wanted], axis=2)
     return maps
-
-
-def _read(path: Path, where: str) -> tuple[dict[str, np.ndarray], str]:
-    """Channels and the JSON text of an OpenEXR file."""
-    import OpenEXR
-
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            # copies: closing the file empties what it gave
-            header, channels = dict(file.header()), {name: np.array(c.pixels) for name, c in file.channels().items()}
-    except Exception as error:  # the bindings raise RuntimeError, ValueError and TypeError on damaged bytes
-        raise ValueError(f"{where}: OpenEXR cannot read this file ({error}). It is damaged; save it again.") from None
-    if _ATTRIBUTE not in header:
-        raise ValueError(
-            f'{where}: an OpenEXR file, but not maps of mi_enhance: its header has no "{_ATTRIBUTE}". A single texture '
-            "goes into the scene by the name of its parameter."
-        )
-    return channels, header[_ATTRIBUTE]
 
 
 def _read_description(text, where: str) -> dict:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,7 +13,7 @@ from .mlp import MLP, SLOPE
 
 
 def affine(w: np.ndarray, x: Sequence, b: Sequence) -> list:
-    """W x + b with the entries of `w` written as literals into the trace; what is None in `x` is left out."""
+    """Return W x + b with the entries of `w` as literals in the trace; entries of `x` that are None are left out."""
     out = []
     for row, z in zip(w.tolist(), b, strict=True):
         z = mi.Float(z)
@@ -29,7 +30,7 @@ def _leaky(v):
 
 
 def _head(z: Sequence, weights: Sequence) -> list:
-    """A last layer whose weights are data, on what comes before its activation."""
+    """Apply a last layer whose weights are data to `z`, the values before the activation."""
     a = [_leaky(v) for v in z]
     step = len(a) + 1
     out = []
@@ -43,16 +44,17 @@ def _head(z: Sequence, weights: Sequence) -> list:
 
 def dense(layers: Sequence[tuple[np.ndarray, np.ndarray]], x: Sequence) -> list:
     """Evaluate a network each of whose layers sees the inputs and all hidden units so far; entries of 0 are skipped."""
-    seen = list(x)
+    seen: list[Any] = list(x)
+    z: list[Any] = []
     for k, (w, b) in enumerate(layers):
         z = []
         for row, y in zip(w.tolist(), b.tolist(), strict=True):
             for weight, v in zip(row, seen, strict=True):
                 y = dr.fma(v, weight, y) if weight else y
             z.append(mi.Float(y))
-        if k == len(layers) - 1:
-            return z
-        seen += [_leaky(v) for v in z]
+        if k < len(layers) - 1:
+            seen += [_leaky(v) for v in z]
+    return z
 
 
 class _BakedOp(dr.CustomOp):
@@ -73,7 +75,8 @@ class _BakedOp(dr.CustomOp):
         return [[dr.select(v > 0, mi.Float(1), mi.Float(SLOPE)) for v in z] for z in self.hidden]
 
     def backward(self):
-        dz = list(self.grad_out())
+        grad: Any = self.grad_out()
+        dz = list(grad)
         for (w, _), slopes in zip(self.layers[:0:-1], self._slopes()[::-1], strict=True):
             dz = [g * s for g, s in zip(affine(w.T, dz, [0.0] * w.shape[1]), slopes, strict=True)]
         w = self.layers[0][0]
@@ -85,7 +88,9 @@ class _BakedOp(dr.CustomOp):
         self.set_grad_in("x", dx)
 
     def forward(self):
-        dz = affine(self.layers[0][0], self.grad_in("x"), self.grad_in("bias"))
+        x: Any = self.grad_in("x")
+        bias: Any = self.grad_in("bias")
+        dz = affine(self.layers[0][0], x, bias)
         for (w, _), slopes in zip(self.layers[1:], self._slopes(), strict=True):
             dz = affine(w, [g * s for g, s in zip(dz, slopes, strict=True)], [0.0] * len(w))
         self.set_grad_out(dz)
@@ -95,7 +100,7 @@ class _BakedOp(dr.CustomOp):
 
 
 class Baked:
-    """Weights as constants of the trace: what rendering and fitting use on LLVM.
+    """Weights as constants of the trace, for rendering and fitting on LLVM.
 
     Inside a BSDF (a virtual call) cooperative vectors gather every weight per lane on LLVM, 4 to 15 times slower.
     Materials that share the weights trace to the same function, so it is compiled once; the bias stays data.
@@ -108,16 +113,13 @@ class Baked:
         self._layers = [(w[:, mlp.n_folded :], b), *rest]
 
     def fold(self, features: Sequence, begun: Sequence[mi.Float] | None = None) -> list[mi.Float]:
-        """What the inputs that are constant over a material become: first bias, weights of a modulated last layer.
-
-        Linear, so it can be done in two parts: without the features that are None, and later, with `begun`, those.
-        """
+        """See :meth:`mi_enhance.neural.evaluator.Evaluator.fold`."""
         begun = [v for _, b in self._fold for v in b.tolist()] if begun is None else begun
         first, head = begun[: self._first], begun[self._first :]
         return [v for (w, _), b in zip(self._fold, (first, head), strict=False) for v in affine(w, features, b)]
 
     def __call__(self, x: Sequence[mi.Float], folded: Sequence[mi.Float]) -> list[mi.Float]:
-        """Output of the network for varying inputs `x` and what :meth:`fold` returned."""
+        """See :meth:`mi_enhance.neural.evaluator.Evaluator.__call__`."""
         x, bias, head = list(x), list(folded[: self._first]), folded[self._first :]
         if dr.grad_enabled(x, bias):
             z = list(dr.custom(_BakedOp, self._layers, x, bias))
@@ -127,7 +129,7 @@ class Baked:
 
 
 class Stored:
-    """Weights as data: folds what is the same everywhere, once, in a kernel that serves all networks of these sizes.
+    """Weights as data: folds the constants of a scene, once, in a kernel that serves all modules of these sizes.
 
     With literal weights that kernel would take half a second to compile, for one lane.
     """
@@ -137,15 +139,16 @@ class Stored:
         w, b = (np.concatenate(parts) for parts in zip(*self._baked._fold, strict=True))
         self._weights, self._bias = mi.TensorXf(np.ascontiguousarray(w)), mi.Float(b)
 
-    def fold(self, features: Sequence) -> list[mi.Float]:
-        """As :meth:`Baked.fold`, in one go, of features of one lane; they must be detached."""
-        flat = self._bias
+    def fold(self, features: Sequence, begun: Sequence[mi.Float] | None = None) -> list[mi.Float]:
+        """As :meth:`Baked.fold`, of detached features of one lane."""
+        flat: Any = self._bias if begun is None else dr.concat(list(begun))
         if features:
             x = dr.zeros(mi.Float, len(features))  # what is None adds nothing
             for k, v in enumerate(features):
                 if v is not None:
                     dr.scatter(x, v, mi.UInt32(k), mode=dr.ReduceMode.NoConflicts)
-            flat = flat + dr.matmul(self._weights, mi.TensorXf(x, (len(features), 1))).array
+            product: Any = dr.matmul(self._weights, mi.TensorXf(x, (len(features), 1)))
+            flat = flat + product.array
         dr.eval(flat)
         return [dr.gather(mi.Float, flat, k) for k in range(len(flat))]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import drjit as dr
 import drjit.nn as dnn
@@ -22,22 +23,22 @@ class Cooperative:
     ----------
     mlp : MLP
     half : bool, optional
-        Half precision for all but what is folded and the factors of the output; by default where it must be. What
-        leaves a layer is kept small enough for the next one to stay within the range, whatever the parameters.
+        Half precision for all but the folded inputs and the factors of the output; by default where it must be. The
+        outputs of a layer are kept small enough for the next one to stay within the range, whatever the parameters.
     """
 
     def __init__(self, mlp: MLP, half: bool | None = None):
         half = dr.backend_v(mi.Float) == dr.JitBackend.CUDA if half is None else half
-        dtype = dr.float16_array_t(mi.TensorXf) if half else mi.TensorXf
+        dtype: Any = dr.float16_array_t(mi.TensorXf) if half else mi.TensorXf
         (w, b), *rest = mlp.layers
         self._baked, self._first = Baked(mlp), len(b)
         rest = rest[:-1] if mlp.modulated else rest
-        # A network without directions (M, S) has no first matrix here: its first layer is the bias alone.
+        # A module without directions (M, S) has no first matrix here: its first layer is the bias alone.
         flat = [dtype(np.ascontiguousarray(w[:, mlp.n_folded :]))] if mlp.n_folded < w.shape[1] else []
         for layer in rest:
             flat += [dtype(v) for v in layer]
         self._packed = dnn.pack(*flat, layout="inference")
-        self._scalar = dr.float16_array_t(mi.Float) if half else mi.Float
+        self._scalar: Any = dr.float16_array_t(mi.Float) if half else mi.Float
         # Largest sum of a row times this is the largest half number: no partial sum overflows, and none is inf - inf.
         gains = [np.abs(w).sum(1).max() + np.abs(b).max() for w, b in rest]
         self._limit = float(_HALF_MAX / max(1.0, *gains)) if half and rest else None
@@ -52,11 +53,11 @@ class Cooperative:
         packed = self._packed if isinstance(self._packed, tuple) else (self._packed,)
         if self._limit:
             bias = [dr.clip(v, -self._limit, self._limit) for v in bias]
-        z = dnn.CoopVec(*map(self._scalar, bias))
+        z: Any = dnn.CoopVec(*map(self._scalar, bias))
         if x:
             z, packed = dnn.matvec(packed[0], dnn.CoopVec(*map(self._scalar, x))) + z, packed[1:]
         for w, b in zip(packed[::2], packed[1::2], strict=True):
             z = dr.fma(dr.minimum(z, 0), SLOPE, dr.maximum(z, 0))
             z = dnn.matvec(w, dr.minimum(dr.maximum(z, -self._limit), self._limit) if self._limit else z, b)
-        z = [mi.Float(v) for v in z]
-        return _head(z, head) if head else z
+        out = [mi.Float(v) for v in z]
+        return _head(out, head) if head else out

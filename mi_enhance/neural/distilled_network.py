@@ -1,4 +1,4 @@
-"""Small networks that stand in for those of one material: what :mod:`mi_enhance.specialization.specialize` makes.
+"""Small networks that replace all modules of one material; :mod:`mi_enhance.specialization.specialize` makes them.
 
 For one material all parameters are constants, so a network of the directions alone will do: a tenth of the size, one
 for all factors of the BRDF, with its weights as constants of the compiled function. Colours, D and the frame stay
@@ -12,8 +12,10 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from ..system.messages import shortened
 from . import baked
-from . import inputs as inputs_module
+from .inputs import NAMES, named
+from .mlp import check_sizes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,12 +25,12 @@ class DistilledNetwork:
     Parameters
     ----------
     slots : tuple of str
-        What the outputs stand for; an operator stands for all that it joins.
+        The slots that the outputs replace; an operator stands for all that it joins.
     inputs : tuple of str
         Names of features, see :func:`mi_enhance.neural.inputs.named`.
     layers : tuple of (W, b)
         Every layer sees the inputs and all that the layers before it give: W has shape
-        (out, inputs + all hidden units so far). Leaky ReLU, the last layer is linear. What is 0 costs nothing.
+        (out, inputs + all hidden units so far). Leaky ReLU, the last layer is linear. Weights of 0 cost nothing.
 
     Examples
     --------
@@ -43,7 +45,7 @@ class DistilledNetwork:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Inputs, hidden units of each layer, outputs."""
+        """Number of inputs, of hidden units of each layer, of outputs."""
         return (len(self.inputs), *(len(b) for _, b in self.layers))
 
     @property
@@ -57,12 +59,12 @@ class DistilledNetwork:
         return sum(int(np.count_nonzero(w)) for w, _ in self.layers)
 
     def __call__(self, record: Mapping) -> list:
-        """Outputs for the quantities and parameters of a record."""
-        named = inputs_module.named(record)
-        return baked.dense(self.layers, [named[name] for name in self.inputs])
+        """Compute the outputs for the quantities and parameters of a record."""
+        features = named(record)
+        return baked.dense(self.layers, [features[name] for name in self.inputs])
 
     def without(self, slots: Collection[str], inputs: Collection[str]) -> DistilledNetwork | None:
-        """The same network without some outputs, and without inputs that are 0; None if no output is left."""
+        """Return the network without some outputs, and without inputs that are 0; None if no output is left."""
         rows = [k for k, slot in enumerate(self.slots) if slot not in slots]
         keep = [name not in inputs for name in self.inputs]
         if not rows:
@@ -78,7 +80,7 @@ class DistilledNetwork:
     # ------------------------------------------------------------------ files
 
     def describe(self) -> dict:
-        """What a description holds of it, as JSON; the weights are :attr:`flat`."""
+        """Return all but the weights, as JSON; :attr:`flat` has the weights."""
         return {"slots": self.slots, "inputs": self.inputs, "hidden": self.sizes[1:-1]}
 
     @property
@@ -88,37 +90,51 @@ class DistilledNetwork:
 
 
 def restore(descriptions: Sequence[Mapping], flat: np.ndarray) -> tuple[DistilledNetwork, ...]:
-    """Rebuild what :meth:`DistilledNetwork.describe` and :attr:`DistilledNetwork.flat`, one after the other, took apart.
+    """Rebuild networks from their descriptions and their weights.
+
+    Parameters
+    ----------
+    descriptions : sequence of dict
+        From :meth:`DistilledNetwork.describe`.
+    flat : array
+        :attr:`DistilledNetwork.flat` of all networks, one after the other.
+
+    Returns
+    -------
+    tuple of DistilledNetwork
 
     Raises
     ------
     ValueError
         If the number of weights, a size or the name of an input is wrong.
     """
-    result, start = [], 0
-    for d in descriptions:
-        slots, inputs, hidden = tuple(d["slots"]), tuple(d["inputs"]), [int(n) for n in d["hidden"]]
-        unknown = set(inputs) - set(inputs_module.NAMES)
-        # before any array is made: a few characters must not ask for all the memory there is
-        if (
-            unknown
-            or len(hidden) > 8
-            or any(not 0 < n <= 1024 for n in hidden)
-            or len(inputs) > len(inputs_module.NAMES)
-        ):
-            raise ValueError(f"compact network {slots}: hidden layers {hidden[:8]} or inputs {sorted(unknown)} unknown")
-        layers, seen = [], len(inputs)
-        for n in (*hidden, len(slots)):
-            parts = flat[start : start + n * seen], flat[start + n * seen : start + n * (seen + 1)]
-            if parts[1].size != n:
-                raise ValueError(f"compact network {slots}: {len(flat)} weights are too few")
-            layers.append((parts[0].reshape(n, seen), parts[1]))
-            start, seen = start + n * (seen + 1), seen + n
-        result.append(DistilledNetwork(slots, inputs, tuple(layers)))
-    if start != len(flat):
-        raise ValueError(f"compact networks: {len(flat)} weights given, {start} needed")
+    result = []
+    for description in descriptions:
+        network, flat = _first(description, flat)
+        result.append(network)
+    if len(flat):
+        raise ValueError(f"distilled networks: {len(flat)} weights too many")
     return tuple(result)
 
 
+def _first(description: Mapping, flat: np.ndarray) -> tuple[DistilledNetwork, np.ndarray]:
+    """Return the network whose weights come first in `flat`, and the weights that follow."""
+    slots, inputs = tuple(description["slots"]), tuple(description["inputs"])
+    where = f"distilled network {slots}"
+    # Before any array is made: a few characters must not ask for all the memory there is. Pruning may leave no layer.
+    hidden = check_sizes(description["hidden"], where) if description["hidden"] else ()
+    if len(inputs) > len(NAMES) or not set(inputs) <= set(NAMES):
+        raise ValueError(f"{where}: inputs {shortened(inputs)} must be some of {', '.join(NAMES)}")
+    layers, seen = [], len(inputs)
+    for n in (*hidden, len(slots)):
+        w, b, flat = np.split(flat, [n * seen, n * (seen + 1)])
+        if b.size != n:
+            raise ValueError(f"{where}: there are too few weights")
+        layers.append((w.reshape(n, seen), b))
+        seen += n
+    return DistilledNetwork(slots, inputs, tuple(layers)), flat
+
+
 def _columns(w: np.ndarray, keep: Sequence[bool]) -> np.ndarray:
+    """Return the places of the columns of `w` to keep: inputs by `keep`, and all hidden units after them."""
     return np.concatenate([keep, np.ones(w.shape[1] - len(keep), bool)]).nonzero()[0]

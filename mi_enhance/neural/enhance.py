@@ -11,10 +11,7 @@ from ..analytic.graph import Node
 from ..analytic.models.model import Model
 from . import mlp
 from .enhanced_brdf import EnhancedBRDF
-from .inputs import COLOURLESS, INPUTS, n_of_directions, n_of_parameters
-
-# What "symmetric" and "directions" make the inputs of, see features.py.
-_READ_BY_NETWORKS = {"rho_d", "rho_s", "alpha_x", "alpha_y", "F0"}
+from .inputs import COLOURLESS, INPUTS, InputKind, n_of_parameters, names_of_directions, names_of_parameters
 
 
 def enhance(
@@ -23,27 +20,27 @@ def enhance(
     *,
     n_latent: int = 27,
     hidden: Sequence[int] = mlp.HIDDEN,
-    inputs: str = "symmetric",
+    inputs: InputKind = "symmetric",
     modulated: bool = False,
     seed: int = 0,
 ) -> EnhancedBRDF:
-    """Replace slots of an analytic model by networks with Xavier weights.
+    """Replace slots of an analytic model by modules with Xavier weights.
 
     Parameters
     ----------
     model : Model or str
         An analytic model or its name.
     replace : iterable of str, or dict of str to sequence of int
-        Slots to replace, all by networks of the sizes `hidden` or each by one of its own; the default is the paper's
+        Slots to replace, all by modules of the sizes `hidden` or each by one of its own; the default is the paper's
         final state.
     n_latent : int
         Neural parameters per material.
     hidden : sequence of int
-        Hidden layer sizes.
+        Hidden layer sizes, 1 to 8 layers of 1 to 1024 units.
     inputs : {"symmetric", "shape", "own", "directions"}
         See :class:`EnhancedBRDF`.
     modulated : bool
-        Let the last layer of the networks of terms belong to the material, see :class:`mi_enhance.neural.mlp.MLP`.
+        Let the last layer of the modules of terms belong to the material, see :class:`mi_enhance.neural.mlp.MLP`.
     seed : int
         Of the initial weights.
 
@@ -56,7 +53,8 @@ def enhance(
     KeyError
         If `replace` names a slot the model does not have; the message lists the slots.
     ValueError
-        For unknown `inputs`, or if the networks would read parameters that the model does not have.
+        For unknown `inputs`, for hidden sizes out of range, or if the modules would read parameters that the model does
+        not have.
 
     Examples
     --------
@@ -70,13 +68,14 @@ def enhance(
     replace = dict(replace) if isinstance(replace, Mapping) else dict.fromkeys(replace, hidden)
     for name in sorted(replace):
         model.graph.find(name)
-    missing = _READ_BY_NETWORKS - {p.name for p in model.parameters}
-    if replace and missing and inputs not in COLOURLESS:
+        mlp.check_sizes(replace[name], f"enhance(): the module of {name}")
+    own, read = {p.name for p in model.parameters}, set(names_of_parameters(model, inputs))
+    if replace and read - own:
         raise ValueError(
-            f'enhance(): networks read {", ".join(sorted(missing))}, which model "{model.name}" does not have. '
+            f'enhance(): modules read {", ".join(sorted(read - own))}, which model "{model.name}" does not have. '
             'Use inputs="shape", or the model as it is, replace=().'
         )
-    extra = {p.name for p in model.parameters} - _READ_BY_NETWORKS - set(parameters.FRAME)
+    extra = own - read - set(parameters.FRAME)
     if extra and inputs not in COLOURLESS and not all(model.graph.find(name).args for name in replace):
         raise ValueError(
             f'enhance(): inputs="{inputs}" has no place for {", ".join(sorted(extra))} of model "{model.name}". '
@@ -84,21 +83,21 @@ def enhance(
         )
     rng = np.random.default_rng(seed)
     n_params = n_of_parameters(model, inputs) + n_latent
-    networks = {}
+    modules = {}
     for node in model.graph.walk():
         if node.name in replace:
-            folded, varying, out = _sizes(node, model, n_params, n_of_directions(model, inputs, node))
-            networks[node.name] = mlp.xavier(
+            folded, varying, out = _sizes(node, model, n_params, len(names_of_directions(model, inputs, node)))
+            modules[node.name] = mlp.xavier(
                 (folded + varying, *replace[node.name], out), folded, rng, modulated and folded > 0
             )
-    return EnhancedBRDF(model, networks, n_latent, inputs)
+    return EnhancedBRDF(model, modules, n_latent, inputs)
 
 
 def _sizes(node: Node, model: Model, n_params: int, n_directional: int) -> tuple[int, int, int]:
-    """Constant inputs, varying inputs and outputs of the network for a slot (paper, Fig. 3)."""
+    """Return the numbers of constant inputs, varying inputs and outputs of the module of a slot (paper, Fig. 3)."""
     if node.args:
         return 0, 2, 1
     directional = node.reads(geometry.QUANTITIES)
-    # A term that reads a colour stands for one (M, S), any other for a scalar (D, F, G, 1/E).
+    # A term that reads a colour has a colour as value (M, S), any other a scalar (D, F, G, 1/E).
     colour = node.reads(parameters.colours(model.parameters))
     return n_params, n_directional if directional else 0, 3 if colour else 1

@@ -1,12 +1,12 @@
-"""What the networks see: features of a pair of directions and of a material's parameters, in four kinds.
+"""The inputs of the modules, in four kinds. Two tables list them all; their number, names and places come from there.
 
 ``"shape"``
     Features of half vector and difference angle in the material's frame; of the parameters only those that shape lobes,
-    never a colour or the frame, so an edit of a colour changes nothing else. ``asymmetry`` lets networks follow files
+    never a colour or the frame, so an edit of a colour changes nothing else. ``asymmetry`` lets modules follow files
     that are not reciprocal.
 ``"own"``
-    The same parameters, but of the directions only what the replaced term sees: F the difference angle, D the half
-    vector, G and 1/E each direction by itself. No term can make good the weakness of another.
+    The same parameters, but of the directions only those features that the replaced term sees: F the difference angle,
+    D the half vector, G and 1/E each direction by itself. No term can make good the weakness of another.
 ``"symmetric"``
     Six features of half vector and difference angle, and all analytic parameters.
 ``"directions"``
@@ -15,115 +15,198 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import dataclasses
+import functools
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, Literal, get_args
 
 import drjit as dr
 
-from ..analytic import parameters
+from ..analytic import lobes, parameters
 from ..analytic.graph import Node
+from ..analytic.lobes import Lobe
 from ..analytic.models.model import Model
 
-INPUTS = ("shape", "own", "symmetric", "directions")
-COLOURLESS = ("shape", "own")  # whose networks see no colour, and may tell viewer from light
+InputKind = Literal["shape", "own", "symmetric", "directions"]
+INPUTS: tuple[str, ...] = get_args(InputKind)
+COLOURLESS = ("shape", "own")  # whose modules see no colour, and may tell viewer from light
 
-# What makes a term see the half vector, and each direction by itself.
+# --- inputs that vary with the directions -----------------------------------------------------------------------------
+
+Seen = Literal["half", "difference", "each", "slopes", "raw"]
+# The quantities of which a term reads one, so that it sees features of the half vector, or of each direction.
 _HALF, _EACH = {"h", "cos_theta_h"}, {"cos_theta_i", "cos_theta_o", "wi", "wo"}
 
 
-def _lobes(names: Iterable[str]) -> list[str]:
-    """Suffixes of the lobes whose roughness is among `names`: "" for alpha_x, "2" for alpha_x2."""
-    return [suffix for suffix in ("", "2") if f"alpha_x{suffix}" in names]
+def _sin2_h(q: Mapping) -> list:
+    return [dr.square(q["h"].x) + dr.square(q["h"].y)]
 
 
-def _shape(model: Model) -> list[parameters.Parameter]:
-    """The parameters that shape the lobes: neither colours nor the frame, nor what an alternative term brought."""
-    return [p for p in model.parameters if not (p.is_colour or p.name in parameters.FRAME or p.name in model.extra)]
+def _in_lobe(q: Mapping, lobe: Lobe) -> list:
+    a_x, a_y = q[lobe.alpha_x], q[lobe.alpha_y]
+    u, v = dr.square(q["h"].x / a_x), dr.square(q["h"].y / a_y)
+    return [
+        dr.log(1 + u + v) / 5,  # theta_h relative to the width of the lobe; /5: alpha = 1e-3 gives 2.8
+        (u - v) / (1 + u + v) * (a_y - a_x) / (a_x + a_y),  # azimuth of h, vanishing with the anisotropy
+    ]
 
 
-def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
-    """The inputs that are constant over a material: from the analytic parameters, then the latent ones.
+def _cosines(q: Mapping) -> list:
+    product = q["cos_theta_i"] * q["cos_theta_o"]
+    return [product, dr.log(product + 1e-4) / 5]  # 1e-4: log has a finite slope at the horizon
 
-    The paper's networks read the analytic parameters as they are. In the symmetric form the directions are given in the
-    material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
-    A value of `p` that is None, for colours and ``latent`` a list of them, gives None: it is not known yet.
+
+def _sin_d(q: Mapping) -> list:
+    """Retro-reflection is a cusp at theta_d = 0, where the cosine is flat; 1e-4: a finite slope there."""
+    return [dr.sqrt(1 - dr.square(q["cos_theta_d"]) + 1e-4)]
+
+
+def _asymmetric(q: Mapping) -> list:
+    """Tell viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal."""
+    cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
+    return [q["asymmetry"] * (cos_i - cos_o), q["asymmetry"] * dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5]
+
+
+def _slopes(q: Mapping, lobe: Lobe) -> list:
+    """The slope of each direction relative to the roughness, of which Smith's shadowing is made."""
+    a_x, a_y = q[lobe.alpha_x], q[lobe.alpha_y]
+    # 1e-4: a finite slope at the horizon
+    t_i, t_o = ((dr.square(a_x * w.x) + dr.square(a_y * w.y)) / (dr.square(w.z) + 1e-4) for w in (q["wi"], q["wo"]))
+    return [dr.log(1 + t_i) + dr.log(1 + t_o), dr.log(1 + t_i) * dr.log(1 + t_o)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Features:
+    """Features of a pair of directions that come from one function.
+
+    Parameters
+    ----------
+    names : tuple of str
+        One for each feature.
+    function : callable
+        ``function(record) -> list`` of the features.
+    seen : {"half", "difference", "each", "slopes", "raw"}
+        The part of the directions that they describe.
+    inputs : tuple of str
+        The kinds of inputs that have them.
+    lobe : Lobe, optional
+        The lobe whose roughness they read.
+    asymmetric : bool
+        True if they read ``asymmetry``. All others but the raw ones are symmetric in wi and wo: reciprocity for free.
     """
-    plain = lambda v: v  # noqa: E731
-    log, root = lambda v: dr.log(v) / 4, lambda v: dr.sqrt(v + 1e-4)  # 1e-4: sqrt has a finite slope at F0 = 0
-    if inputs in COLOURLESS:  # what may be negative stays as it is
-        analytic = [(log if q.log else root if q.low >= 0 else plain, p[q.name]) for q in _shape(model)]
-    else:
-        scales = [(plain, p[name]) for name in ("alpha_x", "alpha_y", "F0")]
-        if inputs == "directions":
-            frame = [p["n_x"], p["n_y"], p["t_theta"]]
-            analytic = [*((plain, v) for v in (*frame, *p["rho_d"], *p["rho_s"])), *scales]
-        else:
-            first = [(log, p["alpha_x"]), (log, p["alpha_y"]), (root, p["F0"])]
-            # log1p keeps rho_s, which spans 0 to 10, in the range of the others
-            scaled = [(lambda v: dr.log(1 + v), c) for c in p["rho_s"]]
-            analytic = [*first, *((plain, c) for c in p["rho_d"]), *scaled, *scales]
-    return [*(None if v is None else f(v) for f, v in analytic), *p.get("latent", ())]
+
+    names: tuple[str, ...]
+    function: Callable[[Mapping], list]
+    seen: Seen
+    inputs: tuple[str, ...]
+    lobe: Lobe | None = None
+    asymmetric: bool = False
+
+    def known(self, names: Collection[str]) -> bool:
+        """Tell whether the parameters `names` are enough for them."""
+        return (self.lobe is None or self.lobe.alpha_x in names) and (not self.asymmetric or "asymmetry" in names)
+
+    def seen_by(self, node: Node) -> bool:
+        """Tell whether the term of a slot sees this part of the directions, and reads the roughness of this lobe."""
+        read = set(node.inputs)
+        seen = {
+            "half": bool(read & _HALF),
+            "difference": "cos_theta_d" in read,
+            "each": bool(read & _EACH),
+            "slopes": {"wi", "wo"} <= read,
+        }
+        return seen.get(self.seen, False) and (self.lobe is None or self.lobe in lobes.rough(read)[:1])
 
 
-def names_of_parameters(model: Model, inputs: str) -> list[str]:
-    """What :func:`of_parameters` reads, latent numbers aside."""
-    return [p.name for p in (_shape(model) if inputs in COLOURLESS else model.parameters)]
+def _of_lobe(lobe: Lobe) -> Features:
+    inputs = ("shape", "own", "symmetric") if lobe is lobes.FIRST else COLOURLESS
+    names = (lobe.own("lobe"), lobe.own("azimuth"))
+    return Features(names, functools.partial(_in_lobe, lobe=lobe), "half", inputs, lobe)
 
 
-def n_of_parameters(model: Model, inputs: str) -> int:
-    """Length of the list that :func:`of_parameters` makes, latent numbers aside."""
-    return len(_shape(model)) if inputs in COLOURLESS else parameters.count(model.parameters)
+_ALL = ("shape", "own", "symmetric")
+# In the order of the weights of a module; "own" takes the parts of the directions one after the other. For alpha_x =
+# alpha_y no feature of "shape" and "symmetric" depends on the azimuth of h: such a material is exactly isotropic.
+_FEATURES = (
+    Features(("sin2_h",), _sin2_h, "half", _ALL),
+    *(_of_lobe(lobe) for lobe in lobes.LOBES),
+    Features(("cos_d",), lambda q: [q["cos_theta_d"]], "difference", _ALL),
+    Features(("sum",), lambda q: [q["cos_theta_i"] + q["cos_theta_o"]], "each", ("own",)),
+    Features(("product", "log_product"), _cosines, "each", _ALL),
+    Features(("sin_d",), _sin_d, "difference", COLOURLESS),
+    Features(("difference", "log_ratio"), _asymmetric, "each", COLOURLESS, asymmetric=True),
+    *(
+        Features(
+            (lobe.own("slope_sum"), lobe.own("slope_product")),
+            functools.partial(_slopes, lobe=lobe),
+            "slopes",
+            ("own",),
+            lobe,
+        )
+        for lobe in lobes.LOBES
+    ),
+    Features(tuple(f"{w}.{axis}" for w in ("wi", "wo") for axis in "xyz"), lambda q: q["raw"], "raw", ("directions",)),
+)
+_ORDER = get_args(Seen)
+
+# Keys of named(): the features of "shape", for models with up to two lobes.
+NAMES = tuple(name for f in _FEATURES if "shape" in f.inputs for name in f.names)
+ASYMMETRIC = tuple(name for f in _FEATURES if f.asymmetric for name in f.names)
 
 
-def n_of_directions(model: Model, inputs: str, node: Node) -> int:
-    """Length of the list that :func:`of_directions` makes for a slot."""
-    if inputs == "own":
-        return _n_own(node)
-    return 7 + 2 * len(_lobes([p.name for p in model.parameters])) if inputs == "shape" else 6
+def _features(inputs: str, known: Collection[str], node: Node | None = None) -> list[Features]:
+    """Return the features that a module sees, for the parameters `known`; `node` is the slot of an ``"own"`` one."""
+    found = [f for f in _FEATURES if inputs in f.inputs and f.known(known)]
+    if inputs != "own" or node is None:
+        return found
+    return sorted((f for f in found if f.seen_by(node)), key=lambda f: _ORDER.index(f.seen))
 
 
-def of_directions(q: Mapping, inputs: str, wi, wo, nodes: Iterable[Node]) -> dict[str, list]:
-    """The inputs that vary with the directions, by slot.
+def names_of_directions(model: Model, inputs: str, node: Node) -> list[str]:
+    """Return the names of the features that the module of a slot sees, in the order of :func:`of_directions`.
+
+    Examples
+    --------
+    >>> from mi_enhance import models
+    >>> names_of_directions(models.get("ggx"), "own", models.get("ggx").graph.find("F"))
+    ['cos_d', 'sin_d']
+    """
+    known = {p.name for p in model.parameters} | {"asymmetry"}
+    return [name for f in _features(inputs, known, node) for name in f.names]
+
+
+def of_directions(q: Mapping, inputs: str, wi: Any, wo: Any, nodes: Iterable[Node]) -> dict[str, list]:
+    """Compute the inputs that vary with the directions.
 
     Parameters
     ----------
     q : dict
-        Quantities of :func:`mi_enhance.analytic.geometry.quantities`, in the material's frame, and parameters.
-    inputs : str
+        Quantities of :func:`mi_enhance.analytic.geometry.quantities`, in the material's frame, and parameters. Without
+        ``asymmetry``, which :mod:`mi_enhance.neural.simplify` may have left out, its two features are left out, too.
+    inputs : {"shape", "own", "symmetric", "directions"}
     wi, wo : mi.Vector3f
         Directions in the frame of the surface.
     nodes : iterable of Node
         The slots.
+
+    Returns
+    -------
+    dict of str to list of mi.Float
+        By slot.
     """
+    nodes = list(nodes)
     if inputs == "own":
-        return {node.name: _own(q, node) for node in nodes}
-    shared = _shared(q, inputs, wi, wo)
-    return dict.fromkeys((node.name for node in nodes), shared)
+        return {node.name: _values(_features(inputs, q, node), q) for node in nodes}
+    record = {**q, "raw": [*wi, *wo]} if inputs == "directions" else q
+    return dict.fromkeys((node.name for node in nodes), _values(_features(inputs, q), record))
 
 
-def _shared(q: Mapping, inputs: str, wi, wo) -> list:
-    """Features of a pair of directions in the material's frame, symmetric in wi and wo: reciprocity for free.
-
-    Measured files are not reciprocal themselves: two features of ``"shape"``, scaled by a parameter, follow them.
-    For alpha_x = alpha_y none of them depends on the azimuth of h: such a material is exactly isotropic.
-    """
-    if inputs == "directions":
-        return [*wi, *wo]
-    lobes = _lobes(q) if inputs == "shape" else ("",)
-    product = q["cos_theta_i"] * q["cos_theta_o"]
-    # 1e-4: log has a finite slope at the horizon
-    features = [*_half_features(q, lobes), q["cos_theta_d"], product, dr.log(product + 1e-4) / 5]
-    return [*features, _sin_theta_d(q), *_asymmetric_features(q)] if inputs == "shape" else features
+def _values(features: Sequence[Features], q: Mapping) -> list:
+    return [v for f in features for v in f.function(q)]
 
 
-# Keys of named(): the features of "shape", for models with up to two lobes.
-NAMES = (
-    *("sin2_h", "lobe", "azimuth", "lobe2", "azimuth2", "cos_d", "product", "log_product", "sin_d"),
-    *("difference", "log_ratio"),
-)
-
-
-def named(q: Mapping) -> dict:
-    """The features of ``"shape"`` by name, as far as `q` has what they are made of; the last two need asymmetry.
+def named(q: Mapping) -> dict[str, Any]:
+    """Compute the features of ``"shape"`` by name, as far as `q` has their parameters.
 
     Examples
     --------
@@ -131,68 +214,80 @@ def named(q: Mapping) -> dict:
     >>> list(named(quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))))
     ['sin2_h', 'cos_d', 'product', 'log_product', 'sin_d']
     """
-    lobes = _lobes(q)
-    left_out = {name + n for name in ("lobe", "azimuth") for n in ("", "2") if n not in lobes}
-    if "asymmetry" not in q:
-        left_out |= {"difference", "log_ratio"}
-    names = [name for name in NAMES if name not in left_out]
-    return dict(zip(names, _shared(q, "shape", None, None), strict=True))
+    return {name: v for f in _features("shape", q) for name, v in zip(f.names, f.function(q), strict=True)}
 
 
-def _half_features(q: Mapping, lobes: Iterable[str]) -> list:
-    h = q["h"]
-    features = [dr.square(h.x) + dr.square(h.y)]  # sin^2 theta_h
-    for lobe in lobes:
-        a_x, a_y = q[f"alpha_x{lobe}"], q[f"alpha_y{lobe}"]
-        u, v = dr.square(h.x / a_x), dr.square(h.y / a_y)
-        features += [
-            dr.log(1 + u + v) / 5,  # theta_h relative to the width of the lobe; /5: alpha = 1e-3 gives 2.8
-            (u - v) / (1 + u + v) * (a_y - a_x) / (a_x + a_y),  # azimuth of h, vanishing with the anisotropy
-        ]
-    return features
+# --- inputs that are constant over a material -------------------------------------------------------------------------
 
 
-def _sin_theta_d(q: Mapping):
-    """Retro-reflection is a cusp at theta_d = 0, where the cosine is flat; 1e-4: a finite slope there."""
-    return dr.sqrt(1 - dr.square(q["cos_theta_d"]) + 1e-4)
+def _plain(v: Any) -> Any:
+    return v
 
 
-def _asymmetric_features(q: Mapping) -> list:
-    """What tells viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal.
+def _log(v: Any) -> Any:
+    return dr.log(v) / 4
 
-    Left out where :mod:`mi_enhance.neural.simplify` has left out the parameter, and the networks' inputs with it.
+
+def _log1p(v: Any) -> Any:
+    """Keep rho_s, which spans 0 to 10, in the range of the others."""
+    return dr.log(1 + v)
+
+
+def _root(v: Any) -> Any:
+    return dr.sqrt(v + 1e-4)  # 1e-4: sqrt has a finite slope at F0 = 0
+
+
+Scale = Callable[[Any], Any]
+_SCALES = tuple((name, _plain) for name in ("alpha_x", "alpha_y", "F0"))
+# The paper's modules read the analytic parameters as they are. In the symmetric form the directions are given in the
+# material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
+_CONSTANTS: dict[str, tuple[tuple[str, Scale], ...]] = {
+    "directions": (*((name, _plain) for name in (*parameters.FRAME, "rho_d", "rho_s")), *_SCALES),
+    "symmetric": (
+        *(("alpha_x", _log), ("alpha_y", _log), ("F0", _root)),
+        *(("rho_d", _plain), ("rho_s", _log1p)),
+        *_SCALES,
+    ),
+}
+
+
+def _constants(model: Model, inputs: str) -> tuple[tuple[str, Scale], ...]:
+    """Return parameter and scale of the constant inputs, in the order of the weights."""
+    if inputs not in COLOURLESS:
+        return _CONSTANTS[inputs]
+    # Parameters that shape the lobes: neither colours nor the frame, nor those of an alternative term. Numbers that may
+    # be negative stay as they are.
+    shape = (q for q in model.parameters if not (q.is_colour or q.name in parameters.FRAME or q.name in model.extra))
+    return tuple((q.name, _log if q.log else _root if q.low >= 0 else _plain) for q in shape)
+
+
+def names_of_parameters(model: Model, inputs: str) -> list[str]:
+    """Return the names of the parameters that :func:`of_parameters` reads, except ``latent``."""
+    return list(dict.fromkeys(name for name, _ in _constants(model, inputs)))
+
+
+def n_of_parameters(model: Model, inputs: str) -> int:
+    """Return the length of the list that :func:`of_parameters` makes, without the latent numbers."""
+    sizes = {q.name: q.size for q in model.parameters}
+    return sum(sizes.get(name, 1) for name, _ in _constants(model, inputs))
+
+
+def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
+    """Compute the inputs that are constant over a material: from the analytic parameters, then the latent ones.
+
+    Parameters
+    ----------
+    p : dict
+        Parameter values. One that is None, for colours and ``latent`` a list of them, gives None: it is not known yet.
+    inputs : {"shape", "own", "symmetric", "directions"}
+    model : Model
+
+    Returns
+    -------
+    list of mi.Float or None
     """
-    if "asymmetry" not in q:
-        return []
-    cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
-    return [q["asymmetry"] * (cos_i - cos_o), q["asymmetry"] * dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5]
-
-
-def _own(q: Mapping, node: Node) -> list:
-    """Of the features of ``"shape"`` those made of what the term of a slot sees, :func:`_n_own` many."""
-    features, seen = [], set(node.inputs)
-    lobe = _lobe_of(node)
-    if seen & _HALF:
-        features += _half_features(q, () if lobe is None else (lobe,))
-    if "cos_theta_d" in seen:
-        features += [q["cos_theta_d"], _sin_theta_d(q)]
-    if seen & _EACH:
-        cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
-        features += [cos_i + cos_o, cos_i * cos_o, dr.log(cos_i * cos_o + 1e-4) / 5, *_asymmetric_features(q)]
-    if {"wi", "wo"} <= seen and lobe is not None:
-        # the slope of each direction relative to the roughness, which is what Smith's shadowing is made of
-        a_x, a_y = q[f"alpha_x{lobe}"], q[f"alpha_y{lobe}"]
-        t_i, t_o = ((dr.square(a_x * w.x) + dr.square(a_y * w.y)) / (dr.square(w.z) + 1e-4) for w in (q["wi"], q["wo"]))
-        features += [dr.log(1 + t_i) + dr.log(1 + t_o), dr.log(1 + t_i) * dr.log(1 + t_o)]
-    return features
-
-
-def _n_own(node: Node) -> int:
-    seen, n_lobes = set(node.inputs), 0 if _lobe_of(node) is None else 1
-    slopes = 2 * n_lobes if {"wi", "wo"} <= seen else 0
-    return bool(seen & _HALF) * (1 + 2 * n_lobes) + 2 * ("cos_theta_d" in seen) + 5 * bool(seen & _EACH) + slopes
-
-
-def _lobe_of(node: Node) -> str | None:
-    """Suffix of the lobe whose roughness a term reads: "" or "2"; None if it reads none."""
-    return next((lobe for lobe in ("", "2") if f"alpha_x{lobe}" in node.inputs), None)
+    colours = parameters.colours(model.parameters)
+    result = []
+    for name, scale in _constants(model, inputs):
+        result += [None if v is None else scale(v) for v in (p[name] if name in colours else [p[name]])]
+    return [*result, *p.get("latent", ())]

@@ -1,24 +1,44 @@
-"""The small networks that stand in for terms and operators: sizes, first weights, three evaluators behind one call.
+"""The weights of a neural module: sizes, initialization, one flat vector.
 
-The only file that touches ``drjit.nn``. Every evaluator has ``fold(features)``, which turns the inputs that are
-constant for a material into a bias of the first layer (exact), and ``__call__(x, bias)`` for the inputs that vary.
 Paper, section 3 and Fig. 3: four fully connected layers, 16, 32, 16 hidden neurons, leaky ReLU, last layer linear.
+:mod:`mi_enhance.neural.evaluator` says how a module is evaluated.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..system.messages import shortened
+
 HIDDEN = (16, 32, 16)
 SLOPE = 0.01  # of the leaky ReLU below 0; PyTorch's and Dr.Jit's default, the paper names none
+# More than any use of modules needs, and little enough that a few characters of a file cannot ask for all memory.
+MAX_LAYERS, MAX_UNITS = 8, 1024
+
+
+def check_sizes(hidden: Sequence[int], where: str) -> tuple[int, ...]:
+    """Return the sizes of hidden layers; raise ValueError unless they are 1 to 8 whole numbers from 1 to 1024.
+
+    Examples
+    --------
+    >>> check_sizes([16, 32, 16], "example")
+    (16, 32, 16)
+    """
+    good = isinstance(hidden, (list, tuple)) and 1 <= len(hidden) <= MAX_LAYERS
+    if not good or not all(isinstance(n, (int, np.integer)) and 1 <= n <= MAX_UNITS for n in hidden):
+        raise ValueError(
+            f"{where}: hidden layers {shortened(hidden)} are out of range: 1 to {MAX_LAYERS} layers of 1 to "
+            f"{MAX_UNITS} units, as [16, 32, 16]."
+        )
+    return tuple(hidden)
 
 
 @dataclasses.dataclass(frozen=True)
 class MLP:
-    """Weights of one network.
+    """Weights of one module.
 
     Parameters
     ----------
@@ -27,8 +47,8 @@ class MLP:
     n_folded : int
         The first `n_folded` inputs are constant over a material and can be folded into a bias.
     modulated : bool
-        The last layer belongs to the material: its weights and biases are an affine function of the folded inputs,
-        whose matrix (out * (hidden + 1), n_folded) and offset stand in its place. Folded, it is a last layer like any.
+        The last layer belongs to the material: its weights and biases are W z + b of the folded inputs z. The last of
+        `layers` is then (W, b), W of shape (out * (hidden + 1), n_folded).
     """
 
     layers: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -45,7 +65,7 @@ class MLP:
 
     @property
     def varies(self) -> bool:
-        """False if all inputs are constant over a material: a network without directions."""
+        """False if all inputs are constant over a material: a module without directions."""
         return self.sizes[0] > self.n_folded
 
     @property
@@ -61,7 +81,7 @@ class MLP:
 
 
 def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator, modulated: bool = False) -> MLP:
-    """Xavier (Glorot) uniform weights, zero biases: the paper's initialization (section 4.3).
+    """Draw Xavier (Glorot) uniform weights and zero biases: the paper's initialization (section 4.3).
 
     A modulated last layer is the one Xavier draws plus, for folded inputs of size 1, as much again.
 
@@ -84,20 +104,20 @@ def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator, modula
 
 
 def _split(mlp: MLP) -> list[np.ndarray]:
-    """Weights in storage order; the folded and the varying part of the first matrix are apart: each is contiguous."""
+    """Return the weights in storage order, with the folded part of the first matrix before the varying one."""
     (w, b), *rest = mlp.layers
     return [w[:, : mlp.n_folded], w[:, mlp.n_folded :], b, *(v for layer in rest for v in layer)]
 
 
-def flatten(networks: dict[str, MLP]) -> np.ndarray:
-    """All weights as one float32 vector."""
-    return np.concatenate([np.zeros(0, np.float32), *(v.ravel() for mlp in networks.values() for v in _split(mlp))])
+def flatten(modules: Mapping[str, MLP]) -> np.ndarray:
+    """Return all weights as one float32 vector."""
+    return np.concatenate([np.zeros(0, np.float32), *(v.ravel() for mlp in modules.values() for v in _split(mlp))])
 
 
-def unflatten(networks: dict[str, MLP], flat: np.ndarray) -> dict[str, MLP]:
-    """Networks of the same shapes as `networks` with the weights of :func:`flatten`."""
+def unflatten(modules: Mapping[str, MLP], flat: np.ndarray) -> dict[str, MLP]:
+    """Return modules of the same shapes as `modules` with the weights of :func:`flatten`."""
     offset, result = 0, {}
-    for slot, mlp in networks.items():
+    for slot, mlp in modules.items():
         parts = []
         for v in _split(mlp):
             parts.append(flat[offset : offset + v.size].reshape(v.shape).astype(np.float32))

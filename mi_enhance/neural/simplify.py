@@ -1,4 +1,4 @@
-"""What a material does not need is left out: terms that are 0, the frame of the surface, features that say nothing.
+"""Leave out everything a material does not need: terms that are 0, the frame of the surface, features that are 0.
 
 Exact: the BRDF that is left gives the same values for the parameters it was made for.
 """
@@ -12,11 +12,14 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameters
+from ..analytic.models.model import Model
 from .enhanced_brdf import EnhancedBRDF
+from .inputs import ASYMMETRIC, names_of_directions
+from .mlp import MLP
 
 
 def simplify(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[EnhancedBRDF, frozenset[str]]:
-    """Leave out what changes nothing for the given parameters.
+    """Leave out all that changes nothing for the given parameters.
 
     Parameters
     ----------
@@ -27,7 +30,7 @@ def simplify(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enha
     Returns
     -------
     brdf : EnhancedBRDF
-        Without the terms that are 0 and their networks.
+        Without the terms that are 0 and their modules.
     left_out : frozenset of str
         Parameters of value 0 that it must be evaluated without: colours, the frame, ``asymmetry``.
 
@@ -40,26 +43,26 @@ def simplify(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enha
     """
     zero = {name for name, v in values.items() if not np.any(v)}
     left_out = set(parameters.FRAME) if zero.issuperset(parameters.FRAME) else set()
-    networks = dict(brdf.modules)
-    graph = brdf.model.graph.without(_zero_terms(brdf, zero), networks)
+    modules = dict(brdf.modules)
+    graph = brdf.model.graph.without(_zero_terms(brdf, zero), modules)
     if graph is not None:
-        networks = {slot: mlp for slot, mlp in networks.items() if slot in graph.slots}
+        modules = {slot: mlp for slot, mlp in modules.items() if slot in graph.slots}
         read = {name for node in graph.walk() for name in node.inputs}
         left_out |= parameters.colours(brdf.model.parameters) & zero - read
     else:  # a black material: something must be left to evaluate
         graph = brdf.model.graph
-    if "asymmetry" in zero and brdf.inputs == "shape":  # its two features come last
+    if "asymmetry" in zero:
         left_out.add("asymmetry")
-        networks = {slot: _without_asymmetry(mlp) if mlp.n_folded else mlp for slot, mlp in networks.items()}
+        modules = {slot: _without_asymmetry(mlp, brdf.model, brdf.inputs, slot) for slot, mlp in modules.items()}
     gone = set(brdf.model.graph.slots) - set(graph.slots)
-    compact = (c.without(gone, ("difference", "log_ratio") if "asymmetry" in left_out else ()) for c in brdf.distilled)
+    distilled = (c.without(gone, ASYMMETRIC if "asymmetry" in left_out else ()) for c in brdf.distilled)
     model = dataclasses.replace(brdf.model, graph=graph)
-    result = dataclasses.replace(brdf, model=model, modules=networks, distilled=tuple(c for c in compact if c))
+    result = dataclasses.replace(brdf, model=model, modules=modules, distilled=tuple(c for c in distilled if c))
     return result, frozenset(left_out)
 
 
 def _zero_terms(brdf: EnhancedBRDF, zero: set[str]) -> list[str]:
-    """Terms that are 0 because of a colour that nothing else reads."""
+    """Return the terms that are 0 because of a colour that nothing else reads."""
     terms = [node for node in brdf.model.graph.walk() if not node.args]
     colours = parameters.colours(brdf.model.parameters)
     result = []
@@ -71,7 +74,11 @@ def _zero_terms(brdf: EnhancedBRDF, zero: set[str]) -> list[str]:
     return result
 
 
-def _without_asymmetry(mlp):
-    """The network without its last two inputs."""
+def _without_asymmetry(mlp: MLP, model: Model, inputs: str, slot: str) -> MLP:
+    """Return the module of a slot without the features that are 0 where asymmetry is; an operator has none."""
+    if not (mlp.n_folded and mlp.varies):
+        return mlp
     (w, b), *rest = mlp.layers
-    return dataclasses.replace(mlp, layers=((w[:, :-2], b), *rest)) if mlp.varies else mlp
+    names = names_of_directions(model, inputs, model.graph.find(slot))
+    keep = [*range(mlp.n_folded), *(mlp.n_folded + k for k, name in enumerate(names) if name not in ASYMMETRIC)]
+    return dataclasses.replace(mlp, layers=((w[:, keep], b), *rest))

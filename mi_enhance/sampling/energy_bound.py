@@ -19,7 +19,7 @@ from ..analytic import geometry
 from ..neural import cooperative
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import sequences
-from . import importance
+from . import albedo, lobe_mixture
 
 # Evenly spaced in the fourth root of the cosine: the albedo changes most in the last degrees. Node 1 is at 2e-7; node 5
 # at geometry.MIN_COS, where terms have a kink and the albedo of some a peak.
@@ -35,7 +35,7 @@ _TARGET = 0.97
 _TARGET_AT_HORIZON, _AT_HORIZON = 0.75, 6
 
 
-def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
+def table(brdf: EnhancedBRDF, params: Mapping, lobe_albedo: mi.Float | float) -> mi.Float:
     """The factor s at the nodes of the angle to the normal, for :func:`factor`.
 
     Parameters
@@ -43,8 +43,8 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
     brdf : EnhancedBRDF
     params : dict
         Parameters of the material, one lane each, RGB colours.
-    shares : list of mi.Float
-        Of its lobes in sampling, see :func:`mi_enhance.sampling.lobe_mixture.shares`.
+    lobe_albedo : mi.Float or float
+        Decides how often the lobes are drawn here, see :func:`mi_enhance.sampling.lobe_mixture.shares`.
 
     Returns
     -------
@@ -55,14 +55,15 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
     --------
     >>> from mi_enhance import Material
     >>> m = Material.analytic("ward").edit(rho_s=1.0)
-    >>> s = table(m.brdf, m.as_drjit(), [mi.Float(0.5)])
+    >>> s = table(m.brdf, m.as_drjit(), 0.1)
     >>> s[0] < 0.5, s[30]
     (True, 1.0)
     """
+    shares = lobe_mixture.shares(params, lobe_albedo, brdf.model)
     with dr.suspend_grad():
         cos, value = _reflected(brdf, params, shares)
 
-        def albedo(s):
+        def largest_albedo(s):
             received = [dr.block_sum(v * _between(s, cos), _SAMPLES) / _SAMPLES for v in value]
             largest = dr.maximum(dr.maximum(received[0], received[1]), received[2])
             # 1e-30: the ratios below stay finite for a black material
@@ -74,10 +75,10 @@ def table(brdf: EnhancedBRDF, params: Mapping, shares: list) -> mi.Float:
         dr.make_opaque(s)
         for _ in range(_STEPS):
             # Halfway, in the logarithm, to what would do if s(w_o) stayed: both directions share the loss.
-            s = dr.sqrt(s * dr.minimum(1, target / albedo(s)))
+            s = dr.sqrt(s * dr.minimum(1, target / largest_albedo(s)))
             dr.make_opaque(s)
         # From here s only falls, and with it the albedo of every other direction: the bound is kept.
-        s = dr.minimum(s, target / albedo(s))
+        s = dr.minimum(s, target / largest_albedo(s))
         # Between two nodes s is between theirs; where the albedo is monotonous there, the smaller one would do.
         low, high = (dr.gather(mi.Float, s, dr.clip(k + d, 0, _NODES - 1)) for d in (-1, 1))
         s = dr.minimum(s, dr.minimum(low, high))
@@ -92,7 +93,7 @@ def bounded(f, table: mi.Float, wi: mi.Vector3f, wo: mi.Vector3f, params: Mappin
 
 def factor(table: mi.Float, w: mi.Vector3f, params: Mapping) -> mi.Float:
     """The factor s of a direction, surface frame; `params` as for :func:`mi_enhance.analytic.geometry.frame_of`."""
-    return _between(table, dr.detach(geometry.frame_of(params).to_local(w).z))
+    return _between(table, mi.Float(dr.detach(geometry.frame_of(params).to_local(w).z)))
 
 
 def _between(table: mi.Float, cos: mi.Float) -> mi.Float:
@@ -113,11 +114,10 @@ def _reflected(brdf: EnhancedBRDF, params: Mapping, shares: list) -> tuple[mi.Fl
     sin, (s, c) = dr.safe_sqrt(1 - cos * cos), dr.sincos(mi.Float(view % _AZIMUTHS) * (dr.two_pi / _AZIMUTHS))
     frame = geometry.frame_of(params)
     wi = frame.to_world(mi.Vector3f(sin * c, sin * s, cos))
-    wo = importance.sample(wi, params, shares, u[0], mi.Point2f(u[1], u[2]), brdf.model)
-    density = importance.pdf(wi, wo, params, shares, brdf.model)
+    wo, density = albedo.draw(wi, params, shares, u, brdf.model)
     dr.eval(wi, wo, density)  # the networks in a kernel of their own compile faster
     f = mi.Color3f(brdf(wi, wo, params, brdf.evaluators(cooperative.Cooperative)))
-    value = dr.select(density > 0, f * (wo.z / density), 0)
-    cos = frame.to_local(wo).z
+    value = albedo.reflected(f, wo, density)
+    cos = mi.Float(frame.to_local(wo).z)
     dr.eval(value, cos)
     return cos, value

@@ -68,7 +68,7 @@ def sample(
         (sin, cos), slope = dr.sincos(dr.two_pi * sample2.y), dr.sqrt(sample2.x / (1 - sample2.x))
         normal = dr.normalize(mi.Vector3f(a_x * slope * cos, a_y * slope * sin, 1))
         other = mi.Vector3f(-normal.x, -normal.y, normal.z)
-        seen, hidden = (dr.maximum(dr.dot(view, side), 0) for side in (normal, other))
+        seen, hidden = (dr.maximum(dr.dot(view, side), 0) for side in (normal, other))  # type: ignore[arg-type]
         # (sample1 - first) / share is uniform in [0, 1) where the lobe is drawn at all
         normal = dr.select((sample1 - first) * (seen + hidden) < share * seen, normal, other)
     else:

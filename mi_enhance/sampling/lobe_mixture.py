@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..analytic import parameters
 from ..analytic.models.model import Model
@@ -36,6 +37,26 @@ class Mixture(NamedTuple):
     albedos: tuple[tuple[float, ...], ...]
 
 
+def of_lobe_albedo(n_lobes: int, lobe_albedo: float) -> Mixture:
+    """Return the mixture of a material that has none of its own: shares in proportion to the albedos.
+
+    Parameters
+    ----------
+    n_lobes : int
+        Lobes of the model.
+    lobe_albedo : float
+        Albedo of all lobes for rho_s = 1, see :func:`mi_enhance.sampling.albedo.lobe_albedo`.
+
+    Examples
+    --------
+    >>> of_lobe_albedo(1, 0.1).scales, [row[0] for row in of_lobe_albedo(1, 0.1).albedos]
+    ((1.0,), [0.1, 1.0])
+    """
+    # 1e-6: as a fit, no lobe is left out for ever; its colour may be edited
+    albedos = np.array([max(lobe_albedo, 1e-6)] * n_lobes + [1.0])
+    return Mixture((1.0,) * n_lobes, tuple((float(v),) * NODES for v in albedos / albedos.max()))
+
+
 def scaled(model: Model, lobes: Sequence[tuple]) -> Model:
     """The model with other lobes to sample: (index of the own lobe, factor on its roughness) of each.
 
@@ -49,8 +70,11 @@ def scaled(model: Model, lobes: Sequence[tuple]) -> Model:
 
     def result(params):
         own = model.lobes({**absent, **params})
-        # 1e-4 to 1: where Mitsuba's own microfacet distribution ends, and where there is nothing wider
-        return [(own[k][0], *(dr.clip(a * c, 1e-4, 1) for a in own[k][1:])) for k, c in lobes if own[k][0] is not None]
+        return [
+            (own[k][0], *(dr.clip(a * c, *parameters.ROUGHNESS) for a in own[k][1:]))
+            for k, c in lobes
+            if own[k][0] is not None
+        ]
 
     return dataclasses.replace(model, lobes=result)
 
@@ -80,9 +104,9 @@ def shares_at(cos: mi.Float, params: Mapping, albedos: mi.Float, model: Model) -
     weights = []
     for j, rho in enumerate(strengths):
         if rho is not None:
-            ends = (dr.gather(mi.Float, albedos, k + (j * NODES + d)) for d in (0, 1))
+            low, high = (dr.gather(mi.Float, albedos, k + (j * NODES + d)) for d in (0, 1))
             # 1e-6: a black material samples all alike
-            weights.append((dr.mean(rho) + 1e-6) * dr.lerp(*ends, x - mi.Float(k)))
+            weights.append((dr.mean(rho) + 1e-6) * dr.lerp(low, high, x - mi.Float(k)))
     n = len([rho for rho in strengths[:-1] if rho is not None])
     # 1e-12: both factors may be 1e-6
     free = (1 - MIN_SHARE * (n + 1)) / dr.maximum(sum(weights), 1e-12) if weights else 0
@@ -90,7 +114,7 @@ def shares_at(cos: mi.Float, params: Mapping, albedos: mi.Float, model: Model) -
 
 
 def shares(params: Mapping, lobe_albedo, model: Model = _GGX) -> list[mi.Float]:
-    """Probability of sampling each lobe: its part of the albedo; the cosine has the rest.
+    """Probability of drawing each lobe in a quadrature, the same at every view; the cosine has the rest.
 
     Parameters
     ----------

@@ -7,14 +7,16 @@ drawn once from a mixture that covers all candidates, everything but the shares 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..neural import cooperative
+from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import sequences
-from . import importance, lobe_mixture
+from . import albedo, importance, lobe_mixture
 from .lobe_mixture import MIN_SHARE, NODES, Mixture
 
 _SCALES = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.5)  # of the roughness of a lobe
@@ -23,13 +25,14 @@ _STEPS = 30
 _DARK = 0.01  # a colour of 0 counts as this: its lobe, were it edited to 1, is then not all there is
 
 
-def fit_mixture(material) -> Mixture:
+def fit_mixture(brdf: EnhancedBRDF, params: Mapping) -> Mixture:
     """Find the mixture of least variance for a material, averaged over the angle of the view.
 
     Parameters
     ----------
-    material : Material
-        Fitted; needs a JIT variant.
+    brdf : EnhancedBRDF
+    params : dict
+        Parameters of the material, one lane each, as of ``Material.as_drjit``.
 
     Returns
     -------
@@ -44,10 +47,11 @@ def fit_mixture(material) -> Mixture:
     Examples
     --------
     >>> from mi_enhance import Material
-    >>> len(fit_mixture(Material.analytic("ggx").edit(rho_d=0, rho_s=1)).scales)
+    >>> m = Material.analytic("ggx").edit(rho_d=0, rho_s=1)
+    >>> len(fit_mixture(m.brdf, m.as_drjit()).scales)
     1
     """
-    colours, g, densities = _tabulate(material)
+    colours, g, densities = _tabulate(brdf, params)
     n_lobes = len(colours) - 1
     chosen = [_SCALES.index(1.0)] * n_lobes
 
@@ -69,11 +73,11 @@ def fit_mixture(material) -> Mixture:
     return Mixture(tuple(_SCALES[c] for c in chosen), tuple(map(tuple, albedos.T.round(6).tolist())))
 
 
-def _tabulate(material) -> tuple[list[float], np.ndarray, np.ndarray]:
+def _tabulate(brdf: EnhancedBRDF, params: Mapping) -> tuple[list[float], np.ndarray, np.ndarray]:
     """Strengths of lobes and cosine; |f| cos, and the densities of all candidates, over that of the samples."""
-    params, model = material.as_drjit(), material.brdf.model
+    model = brdf.model
     lobes = model.lobes(params)
-    colours = [float(dr.mean(rho)[0]) for rho, *_ in lobes] + [float(material.params["rho_d"].mean())]
+    colours = [float(dr.mean(rho)[0]) for rho, *_ in lobes] + [albedo.mean_of(params["rho_d"])]
     # candidates next to one another overlap: every other scale covers them all
     wide = lobe_mixture.scaled(model, [(k, c) for k in range(len(lobes)) for c in _SCALES[::2]])
     even = [mi.Float(1 / (len(lobes) * len(_SCALES[::2]) + 1))] * (len(lobes) * len(_SCALES[::2]))
@@ -85,11 +89,10 @@ def _tabulate(material) -> tuple[list[float], np.ndarray, np.ndarray]:
     cos = dr.maximum(dr.square(mi.Float(view // _AZIMUTHS) / (NODES - 1)), 0.005)
     sin, (s, c) = dr.safe_sqrt(1 - cos * cos), dr.sincos(mi.Float(view % _AZIMUTHS) * (dr.two_pi / _AZIMUTHS) + 0.4)
     wi = mi.Vector3f(sin * c, sin * s, cos)
-    wo = importance.sample(wi, params, even, u[0], mi.Point2f(u[1], u[2]), wide)
-    q = importance.pdf(wi, wo, params, even, wide)
+    wo, q = albedo.draw(wi, params, even, u, wide)
     dr.eval(wi, wo, q)
-    f = mi.Color3f(material.brdf(wi, wo, params, material.brdf.evaluators(cooperative.Cooperative)))
-    g = dr.select(q > 0, dr.norm(f) * wo.z / q, 0)
+    f = mi.Color3f(brdf(wi, wo, params, brdf.evaluators(cooperative.Cooperative)))
+    g = albedo.reflected(dr.norm(f), wo, q)
     densities = [
         importance.pdf(wi, wo, params, [mi.Float(1)], lobe_mixture.scaled(model, [(k, c)]))
         for k in range(len(lobes))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import cast
+from collections.abc import Mapping
+from typing import Any, cast
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from drjit.opt import Adam
 
-from ..analytic import parameters
+from ..analytic import geometry, parameters
 from ..data.directions import sample_pairs
 from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.evaluator import Evaluators
 from ..neural.trainable import Trainable
 from ..numerics.arrays import vector3f
 from ..numerics.schedules import cosine_decay
@@ -54,14 +56,34 @@ def imitate(
     for step in range(steps):
         wi, wo = (vector3f(w) for w in sample_pairs(batch, seed=rng))
         params = parameters.unflatten(brdf.parameters, [mi.Float(v) for v in _random(brdf.parameters, batch, rng)])
-        loss = brdf.imitation_error(wi, wo, params, trainable)
+        loss = imitation_error(brdf, wi, wo, params, trainable)
         dr.backward(loss)
         dr.set_grad(optimizer["weights"], trainable.gradient())
         optimizer.set_learning_rate(lr * cosine_decay(step, steps, low=0))
         optimizer.step()
         trainable.weights = cast(mi.Float, optimizer["weights"])
         progress(Progress("imitate", step + 1, steps))
-    return dataclasses.replace(brdf, modules=trainable.networks())
+    return dataclasses.replace(brdf, modules=trainable.modules())
+
+
+def imitation_error(brdf: EnhancedBRDF, wi: Any, wo: Any, params: Mapping, evaluators: Evaluators) -> Any:
+    """Compute the mean squared difference of the logarithms of each module and the term or operator it replaces.
+
+    Same arguments as a call of `brdf`; the operands of an operator are those of the analytic model.
+    """
+    frame = geometry.frame_of(params)
+    up = mi.Vector3f(0, 0, 1)
+    local_i, local_o = (dr.select(v.z > 0.01, v, up) for v in (frame.to_local(wi), frame.to_local(wo)))
+    record = {**geometry.quantities(local_i, local_o), **params}
+    functions = brdf.replacements(record, wi, wo, evaluators, brdf.fold(params, evaluators))
+    # 1e-3: a Fresnel term or an albedo below it is dark; its logarithm need not be met
+    log = lambda v: dr.log(v + 1e-3)  # noqa: E731
+    error: Any = 0
+    for slot in brdf.modules:
+        node = brdf.model.graph.find(slot)
+        value = functions[slot](*(a(record) for a in node.args)) if node.args else functions[slot](record)
+        error += dr.mean(dr.square(log(value) - log(node(record))), axis=None)
+    return error
 
 
 def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
@@ -69,7 +91,7 @@ def _random(space, n: int, rng: np.random.Generator) -> np.ndarray:
     rows = []
     for p in space:
         for _ in range(p.size):
-            if p.fixed or p.name in ("latent", "asymmetry"):
+            if p.fixed or p.is_neural:
                 # These stay: a module must not learn to ignore them, since materials differ in them.
                 row = np.full(n, p.initial)
             elif p.log:

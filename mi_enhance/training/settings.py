@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any, ClassVar
 
 from ..neural import mlp
-from ..neural.inputs import INPUTS
+from ..neural.inputs import INPUTS, InputKind
 from ..system.settings import FLAG, LIST, TEXT, Settings, number, of_type, one_of, setting, whole
 
 _REPLACE = of_type("a list of slots, or {slot: hidden sizes}", list, tuple, dict)
@@ -52,7 +52,7 @@ class TrainingSettings(Settings):
 
     model: str = setting("ggx", TEXT)
     replace: Any = setting(["F", "F*G", "G", "1/E"], _REPLACE)
-    inputs: str = setting("shape", one_of(*INPUTS))
+    inputs: InputKind = setting("shape", one_of(*INPUTS))
     modulated: bool = setting(False, FLAG)
     n_latent: int = setting(27, whole())
     hidden: list[int] = setting(list(mlp.HIDDEN), LIST)

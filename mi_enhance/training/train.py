@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analytic import models
 from ..neural.enhance import enhance
 from ..system.files import read_json, replacing
 from ..system.progress import Callback, Progress, silent
@@ -76,7 +77,7 @@ def train(
     )
     samples = read(settings.data)
     brdf = enhance(
-        settings.model,
+        models.from_toml(settings.model) if settings.model.endswith(".toml") else settings.model,
         settings.replace,
         n_latent=settings.n_latent,
         hidden=settings.hidden,

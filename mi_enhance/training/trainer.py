@@ -127,7 +127,7 @@ class Trainer:
 
     def result(self) -> EnhancedBRDF:
         """Return the BRDF with the current weights."""
-        return dataclasses.replace(self.brdf, modules=self.trainable.networks())
+        return dataclasses.replace(self.brdf, modules=self.trainable.modules())
 
     def parameters(self) -> np.ndarray:
         """Return the physical parameters of all materials, array (M, n_parameters), float64."""

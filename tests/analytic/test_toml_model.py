@@ -65,7 +65,7 @@ alpha_y = "sqrt(2 / (n + 2))"
 
 
 def test_text_reads_as_the_native_model():
-    text, native = models.get(str(FILE)), models.ashikhmin_shirley()
+    text, native = models.from_toml(FILE), models.ashikhmin_shirley()
     assert str(text) == str(native) and text.graph.slots == native.graph.slots
     assert text.parameters == native.parameters
     assert text.starts == native.starts and text.v_cavity == native.v_cavity
@@ -78,7 +78,7 @@ def test_text_reads_as_the_native_model():
 
 def test_text_has_the_values_and_gradients_of_the_native_model(llvm):
     n = 4000
-    brdfs = [enhance(model, ()) for model in (models.get(str(FILE)), "ashikhmin_shirley")]
+    brdfs = [enhance(model, ()) for model in (models.from_toml(FILE), "ashikhmin_shirley")]
     p = materials(brdfs[0].model, n, usual={**USUAL, "F0": (0.01, 0.95)})
     p["rho_d"][::2] = 0  # the lobe alone
     wi, wo = twin.pairs(n, seed=1)
@@ -99,7 +99,7 @@ def test_text_has_the_values_and_gradients_of_the_native_model(llvm):
 def test_text_is_sampled_as_the_native_model(llvm):
     params = {"rho_s": mi.Color3f(1, 2, 3), "n_u": mi.Float(1, 100, 1e6), "n_v": mi.Float(7)}
     ((rho_s, *alphas),), ((expected, *widths),) = (
-        m.lobes(params) for m in (models.get(str(FILE)), models.ashikhmin_shirley())
+        m.lobes(params) for m in (models.from_toml(FILE), models.ashikhmin_shirley())
     )
     np.testing.assert_array_equal(np.array(rho_s), np.array(expected))
     np.testing.assert_allclose(np.array(alphas[0]), np.array(widths[0]), rtol=1e-6)
@@ -107,7 +107,7 @@ def test_text_is_sampled_as_the_native_model(llvm):
 
 
 def test_corners_of_the_ranges_stay_finite_with_their_gradients(llvm):
-    brdf, n = enhance(models.get(str(FILE)), ()), 4000
+    brdf, n = enhance(models.from_toml(FILE), ()), 4000
     rng = np.random.default_rng(4)
     p = {q.name: rng.choice([q.low, q.initial, q.high], (n, q.size)) for q in brdf.parameters}
     wi, wo = twin.awkward_pairs(n, seed=5)
@@ -169,7 +169,7 @@ def test_example_of_the_documentation_is_a_model(llvm):
 def test_fit_save_load_and_render(llvm, tmp_path):
     """The file is self-contained: it is loaded where the text is not."""
     (tmp_path / "mine.toml").write_text(TEXT)
-    material = Material.analytic(str(tmp_path / "mine.toml"))
+    material = Material.analytic(models.from_toml(tmp_path / "mine.toml"))
     (tmp_path / "mine.toml").unlink()
     flat = {"n_x": (-0.05, 0.05), "n_y": (-0.05, 0.05), "rho_d": (0, 0.5), "rho_s": (0.1, 2)}
     truth = given(materials(material.brdf.model, 1, 20, {**USUAL, **flat}))
@@ -204,7 +204,7 @@ def test_renders_with_finite_gradients(llvm, text):
 def test_colours_are_those_of_the_variant(variant):
     if variant not in mi.variants():
         pytest.skip(f"{variant} is not part of this Mitsuba")
-    material = Material(enhance(models.get(str(FILE)), ()), {"rho_d": (0.5, 0.3, 0.1), "n_u": 20, "n_v": 50})
+    material = Material(enhance(models.from_toml(FILE), ()), {"rho_d": (0.5, 0.3, 0.1), "n_u": 20, "n_v": 50})
     images = []
     for name in ("llvm_ad_rgb", variant):
         mi.set_variant(name)
@@ -216,7 +216,7 @@ def test_colours_are_those_of_the_variant(variant):
 
 def test_command_line_takes_a_file(llvm, tmp_path, capsys):
     wi, wo = sample_pairs(500, seed=0, min_cos=0.05)
-    truth = Material.analytic(str(FILE)).edit(rho_d=(0.1, 0.2, 0.3), n_u=30, n_v=60)
+    truth = Material.analytic(models.from_toml(FILE)).edit(rho_d=(0.1, 0.2, 0.3), n_u=30, n_v=60)
     data.save_table(data.Measurements(wi, wo, truth.evaluate(wi, wo)), tmp_path / "m.csv")
     out = tmp_path / "m.bsdf"
     assert main.main(["fit", str(tmp_path / "m.csv"), "-m", str(FILE), "-o", str(out), "--json"]) == 0
@@ -279,7 +279,7 @@ WRONG = [
     ("[" * 9_000, "this is not TOML"),
     ("a = " + "[" * 9_000, "this is not TOML"),
     ("x" * 10_001, "a model is a text of at most 10000 characters"),
-    ("mine.toml", r'"mine.toml" is a path, not a model. Use models.get\("mine.toml"\), or give a Path'),
+    ("mine.toml", r'"mine.toml" is a path, not a model. Use models.from_toml\("mine.toml"\)'),
     (None, "a model is a text of at most 10000 characters; got nothing"),
     (changed(name="name = 5"), 'name must be a text in quotes "..."; got 5'),
     (changed(name='name = "a b"'), 'name must be letters, digits and "_", at most 64; got "a b"'),
@@ -369,14 +369,16 @@ def test_wrong_model_is_refused(text, message):
 
 def test_file_that_is_not_a_model_is_refused(tmp_path):
     path = tmp_path / "m.toml"
-    with pytest.raises(FileNotFoundError, match=rf'models.get\("{path}"\): no such file'):
-        models.get(str(path))
+    with pytest.raises(FileNotFoundError, match=rf'models.from_toml\("{path}"\): no such file'):
+        models.from_toml(path)
     path.write_bytes(b"name = '\xff'")
-    with pytest.raises(ValueError, match=rf'models.get\("{path}"\): this is not text in UTF-8 .* Save it as one'):
-        models.get(str(path))
+    with pytest.raises(ValueError, match=rf'models.from_toml\("{path}"\): this is not text in UTF-8 .* Save it as one'):
+        models.from_toml(path)
     path.write_text(TWISTED.replace("twist)", "twit)"))
-    with pytest.raises(ValueError, match=rf'models.get\("{path}"\): \[terms\] W: unknown name "twit".*mean "twist"'):
-        enhance(str(path), ())
+    with pytest.raises(
+        ValueError, match=rf'models.from_toml\("{path}"\): \[terms\] W: unknown name "twit".*mean "twist"'
+    ):
+        models.from_toml(path)
 
 
 @pytest.mark.parametrize(
@@ -394,7 +396,7 @@ def test_file_that_is_not_a_model_is_refused(tmp_path):
 )
 def test_damaged_text_in_a_material_is_refused(llvm, description, message):
     """No other file is read for it, whatever it says."""
-    d = Material.analytic(str(FILE)).to_dict()
+    d = Material.analytic(models.from_toml(FILE)).to_dict()
     text = json.dumps({**json.loads(d["description"]), **description})
     with pytest.raises(ValueError, match=rf'^bsdf "enhanced": .*{message}'):
         Material.from_arrays(text, d["params"], d["weights"])

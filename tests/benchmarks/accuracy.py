@@ -9,7 +9,7 @@ Four errors of each fit, all eq. (1) of the paper as a mean, over the samples of
 - both *below 80 degrees*: only samples with both directions less than 80 degrees from the normal; beyond, the files are
   extrapolated.
 
-``--render`` holds renders of the Standard Shader Ball against the file's own (``evaluation/image_metrics.py``): for every
+``--render`` holds renders of the Standard Shader Ball against the file's own (``image_metrics.py``): for every
 material ``comparison.png`` (all models) and ``short.png``; ``best.png``, ``worst.png`` with three materials each. What
 is no BSDF of ours is rendered from a table (``tabulated.py``).
 

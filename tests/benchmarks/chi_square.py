@@ -83,7 +83,7 @@ def variations(material: Material) -> list[Material]:
         values |= {"n_u": 2 / alpha_x**2, "n_v": 2 / alpha_y**2, "B": 1 / alpha_x**2}
         values |= _TILT if k % 2 else {}
         edited = material.edit(**{name: v for name, v in values.items() if name in own})
-        result += [edited, dataclasses.replace(edited, mixture=fit_mixture(edited))]
+        result += [edited, dataclasses.replace(edited, mixture=fit_mixture(edited.brdf, edited.as_drjit()))]
     return result
 
 

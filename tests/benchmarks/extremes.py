@@ -60,7 +60,7 @@ def main() -> None:
     from tqdm import tqdm
 
     for name, material in tqdm(materials.items(), desc="materials"):
-        evaluators = lanes.fused(material.brdf)
+        evaluators = lanes.fused(material.brdf.modules)
         for case in tqdm(cases.CASES, desc=name, leave=False):
             kind = "saturated" if name.endswith("saturated") else "networks" if material.brdf.modules else "analytic"
             row = rows.setdefault((case, kind), {"case": case, "kind": kind, "evaluations": 0, "bad": 0})

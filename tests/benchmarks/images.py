@@ -280,10 +280,10 @@ def restarts(args) -> dict:
     while time.perf_counter() - start < args.restarts:
         values = {}
         for u in descent.unknowns:
-            low, high = u.bounds
+            low, high = u.space.bounds
             # a third at the lower end, a third at the upper, a third in between
             place = rng.choice([0, 1, rng.random()], size=descent.values()[u.key].size)
-            values[u.key] = u.to_physical(low + place * (high - low))
+            values[u.key] = u.space.to_physical(low + place * (high - low))
         descent.put(values)
         for _ in range(4):
             image = descent.step(target, 4, 0.1)

@@ -15,7 +15,7 @@ from mi_enhance import models
 from mi_enhance.analytic import parameters
 from mi_enhance.analytic.graph import Node
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
-from mi_enhance.neural.inputs import n_of_directions, n_of_parameters
+from mi_enhance.neural.inputs import n_of_parameters, names_of_directions
 from mi_enhance.neural.mlp import MLP, xavier
 
 SMALL, LARGE = (32, 64, 64, 16), (32, 64, 128, 128, 64)  # the paper's: as large as its modules, and five times
@@ -38,7 +38,7 @@ def with_residual(name: str, hidden, *, n_latent: int, inputs: str = "shape", se
     graph = Node("f+R", lambda a, b: dr.maximum(a + b, 0), (model.graph, r), "+")
     model = dataclasses.replace(model, name=f"{name} + residual", graph=graph)
     n_params = n_of_parameters(model, inputs) + n_latent
-    n_directions = n_of_directions(model, inputs, r)
+    n_directions = len(names_of_directions(model, inputs, r))
     mlp = xavier((n_params + n_directions, *hidden, 3), n_params, np.random.default_rng(seed))
     *layers, (w, b) = mlp.layers
     return Residual(model, {"R": MLP((*layers, (0 * w, b)), n_params)}, n_latent, inputs)

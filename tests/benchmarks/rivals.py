@@ -14,17 +14,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
-
-import drjit as dr  # isort: skip
-import mitsuba as mi
 import numpy as np
 
+import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 from mi_enhance import Material, fit, models
 from mi_enhance.benchmark import nbrdf as models_of_others
 from mi_enhance.data import nbrdf, nps
 from mi_enhance.data.measurements import Measurements
-from mi_enhance.neural import trainable
 from mi_enhance.system.bundled_files import network_file
 from mi_enhance.system.files import replacing
 
@@ -158,7 +154,7 @@ def _run_material(start: Material, args) -> Callable:
         material = Material.load(path)
         brdf = material.brdf
         return Fitted(
-            lambda wi, wo: evaluate(material, wi, wo),
+            material.evaluate,
             material.report["seconds"],
             brdf.n_parameters,
             4 * brdf.n_weights,
@@ -167,20 +163,6 @@ def _run_material(start: Material, args) -> Callable:
         )
 
     return run
-
-
-def evaluate(material: Material, wi, wo) -> np.ndarray:
-    """f_r as an array (N, 3), like ``material.evaluate``, whose baked weights take a minute to compile."""
-    evaluators = trainable.Trainable(material.brdf.modules)
-    dr.disable_grad(evaluators.weights)
-    wi, wo = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
-    return np.array(material.brdf(wi, wo, _lanes(material), evaluators)).T
-
-
-def _lanes(material: Material) -> dict:
-    params = material.as_drjit()
-    dr.make_opaque(params)
-    return params
 
 
 def _nbrdf(network: dict, seconds: float | None, highest: float) -> Fitted:

@@ -97,7 +97,6 @@ def _position(wi, wo) -> mi.Point3f:
 def main() -> None:
     """Run the check of the command line."""
     from common import finish
-    from rivals import evaluate
 
     from mi_enhance.benchmark.timing import machine
     from mi_enhance.evaluation import image_metrics, scenes
@@ -112,7 +111,7 @@ def main() -> None:
     about, rows = machine(), []
     for alpha in args.alpha:
         ggx = Material.analytic("ggx").edit(rho_d=(0.2, 0.1, 0.05), rho_s=1, F0=0.5, alpha_x=alpha, alpha_y=alpha)
-        table = bsdf(tabulate(lambda wi, wo, ggx=ggx: evaluate(ggx, wi, wo)), ggx)
+        table = bsdf(tabulate(ggx.evaluate), ggx)
         images = [
             np.array(mi.render(scenes.shader_ball(b, resolution=args.resolution, spp=args.spp)))
             for b in (table, ggx.bsdf())

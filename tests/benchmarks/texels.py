@@ -66,7 +66,7 @@ def main() -> None:
     rows, found, pictures = [], {}, []
     models = {"GGX": Material.analytic("ggx"), **{f"enhanced {n}": Material.pretrained(n) for n in args.network}}
     for label, material in models.items():
-        maps, _ = fit_texels(material, *samples, smoothness=args.smoothness)
+        maps = fit_texels(material, *samples, smoothness=args.smoothness).maps
         error = found[label] = log_l1_of_texels(maps, *unseen)
         image = render(maps.to_dict(args.filter), args)
         stem = folder / label.replace(" ", "_")

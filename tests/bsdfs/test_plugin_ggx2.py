@@ -43,7 +43,7 @@ def random_networks():
     p = {k: v[0] for k, v in twin_networks.parameters(b, 1, seed=2).items()}
     frame = {"n_x": 0.1, "n_y": -0.05, "t_theta": 0.7, "alpha_x": 0.1, "alpha_y": 0.3, "alpha_x2": 0.5, "alpha_y2": 0.6}
     m = Material(b, {**p, **frame, "rho_d": (0.3, 0.2, 0.1), "rho_s": (0.5, 0.4, 0.2), "rho_s2": 0.3, "F0": 0.3})
-    return dataclasses.replace(m, lobe_albedo=albedo.lobe_albedo(m))
+    return dataclasses.replace(m, lobe_albedo=albedo.lobe_albedo(m.brdf, m.as_drjit()))
 
 
 def fitted_networks():

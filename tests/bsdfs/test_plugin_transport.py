@@ -148,7 +148,8 @@ def test_stokes_shows_unpolarized_light(llvm):
                 "type": "scene",
                 "integrator": {"type": "stokes", "nested": {"type": "path", "max_depth": 3}},
                 "sensor": {
-                    "type": "perspective", "fov": 20, "to_world": mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0]),
+                    "type": "perspective", "fov": 20,
+                    "to_world": mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0]),
                     "film": {"type": "hdrfilm", "width": 8, "height": 8},
                 },
                 "ball": {"type": "sphere", "bsdf": Material.analytic("ggx").to_dict()},

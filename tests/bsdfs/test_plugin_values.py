@@ -1,4 +1,4 @@
-"""Values from outside: held in range, with gradients; parameters without effect; textures that have no numbers of theirs."""
+"""Values from outside are held in range, with gradients; parameters without effect; textures without texels."""
 
 from __future__ import annotations
 

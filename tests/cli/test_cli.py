@@ -10,8 +10,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from mi_enhance.cli import demo, doctor
+from mi_enhance.cli import arguments, demo, doctor
 from mi_enhance.cli.main import main
+from mi_enhance.material.material import Material
 from mi_enhance.system import bundled_files, llvm
 
 SCENE = """<scene version="3.0.0">
@@ -196,3 +197,19 @@ def test_missing_llvm_stops_every_command_but_doctor(monkeypatch, capsys):
     assert capsys.readouterr().err == "mi-enhance: Dr.Jit needs LLVM 17 or newer and found none. Run: it.\n"
     assert main(["doctor"]) == 1
     assert "Rendering does not work." in capsys.readouterr().out
+
+
+def test_model_is_a_file_a_shipped_network_or_a_text(llvm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text("""
+name = "mine"
+formula = "M"
+terms = { M = "rho_d / pi" }
+parameters = { rho_d = true }
+lobes = [{ rho_s = "0 * rho_d", alpha_x = "1", alpha_y = "1" }]
+""")
+    Material.analytic("ward").edit(rho_d=0.25).save("m.bsdf")
+    assert str(arguments.model("mine.toml").brdf) == "M"
+    assert arguments.model("m.bsdf").params["rho_d"].tolist() == [0.25] * 3
+    assert str(arguments.model("paper").brdf) == str(Material.pretrained("paper").brdf)
+    assert arguments.model_path("m.bsdf") == tmp_path / "m.bsdf"

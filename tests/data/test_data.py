@@ -141,7 +141,10 @@ def test_rgl_negative_values_clamped_and_counted(rgb, name, share):
 def test_rgl_in_scalar_variant_says_which_to_set():
     mi.set_variant("scalar_rgb")
     try:
-        with pytest.raises(RuntimeError, match=r'active is scalar_rgb. Call mi.set_variant\("llvm_ad_rgb"\)'):
+        with pytest.raises(
+            RuntimeError,
+            match=r'an RGB variant that is not scalar; "scalar_rgb" is active. Call mi.set_variant\("llvm_ad_rgb"\)',
+        ):
             data.load("mi_enhance/bundled/rgl/aurora_white_rgb.bsdf", n_samples=10)
     finally:
         mi.set_variant("llvm_ad_rgb")

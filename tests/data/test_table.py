@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import codecs
+import re
 
 import numpy as np
 import pytest
+import table_mutations
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from mi_enhance import data
 from mi_enhance.data import synthetic
@@ -239,3 +243,24 @@ def test_npz_blames_the_right_array(tmp_path, arrays, message):
     np.savez(tmp_path / "t.npz", **{"wi": [[0, 0, 1.0]], "wo": [[0, 0, 1.0]], "f": [[1.0, 1, 1]], **arrays})
     with pytest.raises(ValueError, match=message):
         data.load(tmp_path / "t.npz")
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_changed_table_is_read_or_refused(tmp_path, seed):
+    path = tmp_path / "t.csv"
+    path.write_bytes(table_mutations.mutated(np.random.default_rng(seed)))
+    assert table_mutations.outcome(path) in ("read", "refused")
+
+
+def test_the_changes_reach_behind_the_header(tmp_path):
+    """A fair part of the tables is read, and what refuses the others is not always the same."""
+    path, read, reasons = tmp_path / "t.csv", 0, set()
+    for seed in range(200):
+        path.write_bytes(table_mutations.mutated(np.random.default_rng(seed)))
+        try:
+            data.load(path)
+            read += 1
+        except (ValueError, UserWarning) as error:
+            reasons.add(re.sub(r"[\d\"']\S*", "", str(error).split(": ", 1)[1])[:20])
+    assert read > 20 and len(reasons) > 10

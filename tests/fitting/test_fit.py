@@ -186,8 +186,9 @@ def test_variant_without_rgb_gradients_is_refused(llvm, variant):
         fit(Material.analytic("ggx"), stiff("three rows"))
 
 
-def test_callback_sees_losses_of_every_stage(llvm):
+def test_progress_tells_stage_step_and_loss(llvm):
     seen = []
     m = measured(lambda wi, wo: twin.brdf(wi, wo, analytic_truth()), 200)
-    fit(Material.analytic("ggx"), m, callback=lambda *a: seen.append(a))
-    assert len(seen) > 3 and all(isinstance(s, str) and np.isfinite(loss) for s, _, loss in seen)
+    fit(Material.analytic("ggx"), m, progress=seen.append)
+    assert len(seen) > 3 and {p.stage for p in seen} == {"analytic, 200 samples"}
+    assert all(1 <= p.step <= p.total and np.isfinite(p.values["loss"]) for p in seen)

@@ -264,7 +264,7 @@ def test_a_killed_process_loses_nothing(llvm, tmp_path):
         ({"n_samples": 0.5}, "n_samples is 0.5; it must be a whole number of at least 1"),
         ({"max_modules": -1}, "max_modules is -1; it must be null, or a whole number of at least 0"),
         ({"modules": 3}, "modules is 3; it must be a list"),
-        ({"modules": [16, 32]}, r"modules \[16, 32\]: each needs 1 to 8 hidden sizes"),
+        ({"modules": [16, 32]}, "modules: hidden layers 16 are out of range: 1 to 8 layers"),
         ({"nodes_only": 1}, "nodes_only is 1; it must be true or false"),
         ({"epochs": 0}, "epochs is 0; it must be a number of at least 1e-06"),
         ({"epochs": "many"}, "epochs is 'many'"),

@@ -12,7 +12,7 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 import mitsuba as mi  # isort: skip
 
 from mi_enhance import enhance, models
-from mi_enhance.analytic import alternative_terms, geometry, parameters
+from mi_enhance.analytic import alternative_terms, geometry, parameters, terms
 from mi_enhance.hypercube import states
 from mi_enhance.material.material import Material
 from mi_enhance.neural import inputs
@@ -61,8 +61,8 @@ def test_constraints_narrow_the_hypercube():
     [
         ({"fixed": {"X": "neural"}}, '"X" is not a slot'),
         ({"fixed": {"F": "nural"}}, r'fixed\["F"\] is \'nural\'; it must be "analytic" or "neural"'),
-        ({"modules": [[]]}, "each needs 1 to 8 hidden sizes of 1 to 1024"),
-        ({"modules": [[16, 10**6]]}, "each needs 1 to 8 hidden sizes of 1 to 1024"),
+        ({"modules": [[]]}, "hidden layers .* are out of range: 1 to 8 layers of 1 to 1024"),
+        ({"modules": [[16, 10**6]]}, "hidden layers .* are out of range: 1 to 8 layers of 1 to 1024"),
         ({"alternatives": {"D": ["D_phong"]}}, 'unknown term "D_phong". Choose one of: D_ggx'),
         ({"alternatives": {"F*G": ["F_schlick"]}}, "is an operator"),
     ],
@@ -96,7 +96,7 @@ def test_normalized_abc_integrates_to_one(llvm, B, C):
     """Against the cosine over the hemisphere; the integral in the float64 of NumPy, over 1 - cos(theta_h)."""
     x = np.concatenate([[0], np.geomspace(1e-12, 1, 400_000)])
     shape = (1 + B * x) ** -C
-    peak = float(alternative_terms.terms.D_abc_normalised(mi.Vector3f(0, 0, 1), mi.Float(B), mi.Float(C))[0])
+    peak = float(terms.D_abc_normalised(mi.Vector3f(0, 0, 1), mi.Float(B), mi.Float(C))[0])
     assert abs(2 * np.pi * np.trapezoid(peak * shape * (1 - x), x) - 1) < 2e-5
 
 
@@ -110,7 +110,7 @@ def test_abc_starts_where_ggx_is(llvm):
         tan = np.linspace(0, 3 * alpha, 50)
         h = twin.unit(np.stack([tan, 0 * tan, np.ones(50)], 1))
         values = {name: mi.Float(float(v[0])) for name, v in start.items()}
-        got = np.array(alternative_terms.terms.D_abc_normalised(lanes.vectors(h), **values))
+        got = np.array(terms.D_abc_normalised(lanes.vectors(h), **values))
         np.testing.assert_allclose(got, twin.D_ggx(h, alpha, alpha), rtol=0.1)
 
 
@@ -155,7 +155,7 @@ def own(slot, wi, wo, model="ggx2"):
     record = {**geometry.quantities(*vectors), **{name: mi.Float(v) for name, v in p.items()}}
     node = models.get(model).graph.find(slot)
     (columns,) = inputs.of_directions(record, "own", *vectors, [node]).values()
-    assert len(columns) == inputs.n_of_directions(models.get(model), "own", node)
+    assert len(columns) == len(inputs.names_of_directions(models.get(model), "own", node))
     return np.stack([np.array(c) for c in columns], -1)
 
 

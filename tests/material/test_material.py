@@ -235,10 +235,13 @@ def test_wrong_tensors_are_refused(saved, changed, message):
         ({"terms": {"F*G": "D_ggx"}}, "cannot be understood: .*is an operator"),
         ({"terms": 5}, "cannot be understood"),
         ({"replace": 5}, "cannot be understood"),
-        ({"replace": {"G": [10**9]}}, r"hidden layers \[1000000000\] of G out of range: 1 to 8 layers of 1 to 1024"),
-        ({"replace": {"G": [1024] * 100_000}}, "hidden layers .* out of"),
-        ({"replace": {"G": [-1]}}, "hidden layers .* out of"),
-        ({"replace": {"G": []}}, "hidden layers .* out of"),
+        (
+            {"replace": {"G": [10**9]}},
+            r"module of G: hidden layers \[1000000000\] are out of range: 1 to 8 layers of 1",
+        ),
+        ({"replace": {"G": [1024] * 100_000}}, "hidden layers .* are out of range"),
+        ({"replace": {"G": [-1]}}, "hidden layers .* are out of range"),
+        ({"replace": {"G": []}}, "hidden layers .* are out of range"),
         ({"replace": {"G": "16"}}, "out of|should have shape"),
         ({"replace": {"G": None}}, "cannot be understood"),
         ({"n_latent": 10**9}, "n_latent 1000000000 out of"),
@@ -326,3 +329,35 @@ def test_loaded_material_evaluates_to_the_bit(saved):
     wi, wo = twin.pairs(100, seed=1)
     p = {k: v[None] for k, v in old.params.items()}
     assert np.array_equal(lanes.evaluate(old.brdf, wi, wo, p), lanes.evaluate(new.brdf, wi, wo, p))
+
+
+# --- evaluate ---------------------------------------------------------------------------------------------------------
+
+
+def test_evaluation_does_not_depend_on_how_networks_are_evaluated(llvm):
+    """Weights as data, as here, or as constants, as in the plugin: up to rounding."""
+    m = random_material()
+    wi, wo = twin.pairs(200)
+    params = m.as_drjit()
+    baked = np.array(m.brdf(lanes.vectors(wi), lanes.vectors(wo), params)).T
+    np.testing.assert_allclose(m.evaluate(wi, wo), baked, rtol=1e-4)
+
+
+UP = [[0.0, 0.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    "wi, wo, message",
+    [
+        (UP * 3, UP * 5, r"wi and wo have shapes \(3, 3\) and \(5, 3\); both must be \(N, 3\)"),
+        (UP[0], UP[0], r"shapes \(3,\) and \(3,\)"),
+        ([[0.0, 1.0]], [[0.0, 1.0]], r"shapes \(1, 2\) and \(1, 2\)"),
+        (np.zeros((0, 3)), np.zeros((0, 3)), r"shapes \(0, 3\)"),
+        (UP * 2, [UP[0], [0, 0, 2.0]], r"wo\[1\] is \[0.0, 0.0, 2.0\]; it must have length 1. 1 of 2 directions"),
+        ([[0.0, np.nan, 1.0]], UP, r"wi\[0\] is \[0.0, nan, 1.0\]; it must have length 1"),
+        (UP, [[np.inf, 0.0, 0.0]], r"wo\[0\] is \[inf, 0.0, 0.0\]"),
+    ],
+)
+def test_directions_that_are_none_are_refused(llvm, wi, wo, message):
+    with pytest.raises(ValueError, match=message):
+        Material.analytic("ggx").evaluate(wi, wo)

@@ -189,6 +189,69 @@ def test_files_of_other_networks_or_with_other_channels_are_refused(llvm, tmp_pa
         MaterialMaps.load(tmp_path / "none.exr", maps.material)
 
 
+def _windows(data, display):
+    """Windows of an EXR header, each (left, top, width, height)."""
+    box = lambda x, y, w, h: (np.array([x, y], np.int32), np.array([x + w - 1, y + h - 1], np.int32))  # noqa: E731
+    return {"dataWindow": box(*data), "displayWindow": box(*display)}
+
+
+def _resaved(path, pad=0, tiled=False, **header):
+    """The file with other attributes, and `pad` more texels on every side."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        text = file.header()["mi_enhance"]
+        channels = {name: np.pad(c.pixels, pad, mode="symmetric") for name, c in file.channels().items()}
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "mi_enhance": text}
+    header["type"] = OpenEXR.tiledimage if tiled else OpenEXR.scanlineimage
+    if tiled:
+        header["tiles"] = OpenEXR.TileDescription()
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{"tiled": True}, _windows((7, 5, 3, 2), (7, 5, 3, 2)), {"pad": 2, **_windows((-2, -2, 7, 6), (0, 0, 3, 2))}],
+    ids=["tiles", "moved", "overscan"],
+)
+def test_maps_lie_in_the_display_window(llvm, tmp_path, how):
+    maps = varying(2, 3)
+    maps.save(tmp_path / "cup.exr")
+    _resaved(tmp_path / "cup.exr", **how)
+    again = MaterialMaps.load(tmp_path / "cup.exr", maps.material)
+    for name, v in maps.maps.items():
+        np.testing.assert_array_equal(again.maps[name], v)
+
+
+@pytest.mark.parametrize("display", [(0, 0, 8, 6), (-4, 0, 7, 2), (1, 0, 3, 2)])
+def test_cropped_maps_are_refused(llvm, tmp_path, display):
+    """What lies outside of the data window has no material."""
+    maps = varying(2, 3)
+    maps.save(tmp_path / "cup.exr")
+    _resaved(tmp_path / "cup.exr", **_windows((0, 0, 3, 2), display))
+    with pytest.raises(ValueError, match=r"is cropped: its data window is 3 x 2 texels from column .* Save it without"):
+        MaterialMaps.load(tmp_path / "cup.exr", maps.material)
+
+
+def test_damaged_headers_are_refused(llvm, tmp_path):
+    """Every byte of the header, flipped or cut: an error of ours, or the maps as they are."""
+    maps, path = varying(2, 3), tmp_path / "cup.exr"
+    maps.save(path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for k in rng.integers(0, len(whole), 300):
+        damaged = bytearray(whole)
+        damaged[k] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged if k % 2 else whole[:k])
+        try:
+            loaded = MaterialMaps.load(path, maps.material)
+        except ValueError as error:
+            assert "MaterialMaps.load(" in str(error)
+        else:
+            assert loaded.shape == maps.shape
+
+
 def test_scene_with_an_unknown_filter_is_refused(llvm):
-    with pytest.raises(RuntimeError, match='filter_type "cubic" is unknown. Choose bilinear or nearest'):
+    with pytest.raises(RuntimeError, match='filter_type "cubic" is unknown. Choose one of: bilinear, nearest'):
         mi.load_dict(varying().to_dict("cubic"))

@@ -287,4 +287,4 @@ def test_trainable_sums_all_backward_passes_once(llvm):
 
 def test_trainable_gives_its_weights_back(llvm):
     networks = {"F": network("node"), "F*G": network("operator")}
-    assert np.array_equal(flatten(Trainable(networks).networks()), flatten(networks))
+    assert np.array_equal(flatten(Trainable(networks).modules()), flatten(networks))

@@ -16,6 +16,7 @@ from mi_enhance.material.material import Material
 from mi_enhance.neural import baked, cooperative, mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.neural.simplify import simplify
+from mi_enhance.neural.trainable import Trainable
 
 N = 500
 FRAME = {"n_x": 0, "n_y": 0, "t_theta": 0}
@@ -178,17 +179,17 @@ def test_materials_of_one_network_share_a_kernel(llvm):
         assert all(k["cache_hit"] for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT)
 
 
-@pytest.mark.parametrize("kind", (baked.Baked, cooperative.Cooperative, baked.Stored))
+@pytest.mark.parametrize("kind", (baked.Baked, cooperative.Cooperative, baked.Stored, Trainable))
 def test_folding_in_two_parts(llvm, kind):
     """What is known first, then the rest; float32 sums in another order."""
     b = networks()
     values = material().as_drjit()
-    whole = b.fold(values, evaluators := b.evaluators(kind))
+    evaluators = Trainable(b.modules) if kind is Trainable else b.evaluators(kind)
+    whole = b.fold(values, evaluators)
     late = {"alpha_x": values["alpha_x"], "F0": values["F0"]}
     unknown = {p.name: [None] * p.size if p.is_colour or p.name == "latent" else None for p in b.parameters}
     begun = b.begin_fold({**values, **dict.fromkeys(late)}, evaluators)
-    at_the_hit = b.evaluators() if kind is baked.Stored else evaluators
-    parts = b.fold({**unknown, **late}, at_the_hit, begun)
+    parts = b.fold({**unknown, **late}, evaluators, begun)
     for slot in b.modules:
         np.testing.assert_allclose(np.ravel(parts[slot]), np.ravel(whole[slot]), rtol=1e-5, atol=1e-6)
         assert not np.allclose(np.ravel(begun[slot]), np.ravel(whole[slot]))

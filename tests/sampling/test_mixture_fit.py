@@ -30,7 +30,7 @@ def material(name):
 
 
 def improved(m):
-    return dataclasses.replace(m, mixture=fit_mixture(m))
+    return dataclasses.replace(m, mixture=fit_mixture(m.brdf, m.as_drjit()))
 
 
 def variance(m, degrees, n=1 << 17):

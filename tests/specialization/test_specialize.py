@@ -192,7 +192,7 @@ def test_damaged_networks_are_refused(llvm, tmp_path):
         (c.describe(), c.flat[:-1]),
         (c.describe(), np.append(c.flat, np.float32(0))),
     ):
-        with pytest.raises(ValueError, match="compact network"):
+        with pytest.raises(ValueError, match="distilled network"):
             distilled_network.restore([description], flat)
     (again,) = distilled_network.restore([c.describe()], c.flat)
     assert dataclasses.astuple(again)[:2] == (c.slots, c.inputs)

@@ -16,7 +16,7 @@ from mi_enhance.material.material import Material
 from mi_enhance.neural import mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.system.bundled_files import network_file
-from mi_enhance.training.imitation import _random, imitate
+from mi_enhance.training.imitation import _random, imitate, imitation_error
 from mi_enhance.training.settings import TrainingSettings
 from mi_enhance.training.sources import build
 from mi_enhance.training.train import train
@@ -46,7 +46,7 @@ def test_imitation_gets_close_to_the_terms(llvm):
     p["latent"][:] = 0.5  # where materials start; elsewhere the networks answer at random
 
     def error(b):
-        total = b.imitation_error(lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b))
+        total = imitation_error(b, lanes.vectors(wi), lanes.vectors(wo), lanes.parameters(p), lanes.fused(b.modules))
         return float(total[0]) / len(b.modules)
 
     assert np.sqrt(error(taught)) < np.log(1.5) < np.sqrt(error(brdf))
@@ -223,7 +223,7 @@ def test_gradients_of_a_step_are_those_of_the_loss(llvm, tmp_path):
     for q in trainer.brdf.parameters:
         p[q.name] = np.repeat(values[:, offset : offset + q.size], CONFIG["batch"], 0)
         offset += q.size
-    start = mlp.flatten(trainer.trainable.networks()).astype(np.float64)
+    start = mlp.flatten(trainer.trainable.modules()).astype(np.float64)
     direction = np.array(weights, np.float64)
     direction /= np.linalg.norm(direction)
 
@@ -258,6 +258,6 @@ def test_materials_trained_together_do_not_touch_each_other(llvm, tmp_path):
 
 def test_result_is_the_brdf_with_the_trained_weights(llvm, tmp_path):
     trainer = train({**CONFIG, "steps": 2}, tmp_path / "run")
-    expected = dataclasses.replace(trainer.brdf, modules=trainer.trainable.networks())
+    expected = dataclasses.replace(trainer.brdf, modules=trainer.trainable.modules())
     assert str(trainer.result()) == str(expected)
     assert np.array_equal(mlp.flatten(trainer.result().modules), mlp.flatten(expected.modules))

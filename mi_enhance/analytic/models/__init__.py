@@ -1,11 +1,15 @@
-"""Analytic reflectance models as graphs with named parameters: what an enhancement starts from (paper, section 3)."""
+"""Analytic reflectance models as graphs with named parameters: every enhancement starts from one (paper, section 3).
+
+A model is a function with the decorator `@model`. To add one, write its file and import it here.
+"""
 
 from .abc import abc
 from .ashikhmin_shirley import ashikhmin_shirley
 from .cook_torrance import cook_torrance
+from .from_text import from_expression, from_toml
 from .ggx import ggx, ggx2
 from .model import Model
-from .registry import MODELS, from_expression, get, registered
+from .registry import MODELS, get
 from .ward import ward
 
 __all__ = [
@@ -15,9 +19,9 @@ __all__ = [
     "ashikhmin_shirley",
     "cook_torrance",
     "from_expression",
+    "from_toml",
     "get",
     "ggx",
     "ggx2",
-    "registered",
     "ward",
 ]

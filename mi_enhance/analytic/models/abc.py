@@ -4,38 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import drjit as dr
-
 from .. import parameters as p
 from .. import terms
 from ..graph import Node
+from ..terms.distribution_abc import alpha_of_abc
 from .model import Model
+from .registry import model
 
 
 def lobes_of_abc(params: Mapping) -> list[tuple]:
-    """A GGX lobe for the ABC lobe: as high, and as wide as the mean of two widths.
-
-    Its peak is narrow and its tail wide; the geometric mean of the alpha with the same half width at half maximum and
-    of the alpha with half of the weight inside the same angle halves the noise of the former where tails are wide.
-    """
+    """Return a GGX lobe as high as the ABC lobe, and as wide as :func:`alpha_of_abc` says."""
     alpha = alpha_of_abc(params["B"], params["C"])
     return [(params["A"] * (4 * alpha * alpha), alpha, alpha)]  # rho_s / (4 pi alpha^2) = A / pi
-
-
-def alpha_of_abc(B, C):
-    """Roughness of the GGX lobe that covers the ABC distribution, see :func:`lobes_of_abc`."""
-    # x = 1 - cos(theta_h). Half the maximum: (1 + B x)^-C = 1/2; of GGX: sin^2 (1 - alpha^2) = alpha^2 (sqrt(2) - 1).
-    x = dr.minimum((dr.exp2(dr.rcp(C)) - 1) / B, 1)
-    sin2 = x * (2 - x)
-    peak2 = sin2 / (sin2 + (2**0.5 - 1))
-    # Half the weight: (1 + B x)^(1 - C) halfway between its values at x = 0 and 1; 0 / 0 at C = 1, but not beside it.
-    length = dr.log(1 + B)
-    k = (1 - C) * length
-    k = dr.select(dr.abs(k) < 1e-2, 1e-2, k)
-    x = dr.minimum((dr.exp(dr.log(0.5 * (1 + dr.exp(k))) / k * length) - 1) / B, 1)
-    half2 = x * (2 - x)
-    # 1e-4: where Mitsuba's own microfacet distribution ends
-    return dr.maximum(dr.sqrt(dr.sqrt(peak2 * half2)), 1e-4)
 
 
 # Matte, satin, glossy, polished, metal, wide tails, cloth: what the published fits of MERL look like.
@@ -53,6 +33,7 @@ _ABC_STARTS = tuple(
 )
 
 
+@model
 def abc() -> Model:
     r"""The microfacet ABC model: isotropic, for glossy surfaces with wide tails; 9 parameters.
 

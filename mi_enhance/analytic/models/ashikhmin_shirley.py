@@ -10,10 +10,11 @@ from .. import parameters as p
 from .. import terms
 from ..graph import Node
 from .model import Model
+from .registry import model
 
 
 def lobes_of_ashikhmin_shirley(params: Mapping) -> list[tuple]:
-    """A GGX lobe for cos^n of the roughness alpha^2 = 2 / (n + 2), with which Beckmann's lobe is closest to it."""
+    """Return a GGX lobe for cos^n, of roughness alpha^2 = 2 / (n + 2): with it Beckmann's lobe is closest to cos^n."""
     alpha = (dr.sqrt(2 / (params[n] + 2)) for n in ("n_u", "n_v"))
     return [(params["rho_s"], *alpha)] if "rho_s" in params else []
 
@@ -22,6 +23,7 @@ def lobes_of_ashikhmin_shirley(params: Mapping) -> list[tuple]:
 _EXPONENTS = tuple({"n_u": n, "n_v": n} for n in (5000.0, 550.0, 87.0, 20.0, 6.0, 1.1))
 
 
+@model
 def ashikhmin_shirley() -> Model:
     r"""Ashikhmin and Shirley's anisotropic Phong model over a diffuse term that leaves room for it; 12 parameters.
 

@@ -6,6 +6,7 @@ from .. import parameters as p
 from .. import terms
 from ..graph import Node
 from .model import Model
+from .registry import model
 
 # Darker and with more Fresnel than the initial values: on MERL a third of the excess over the best of many starts.
 _COOK_TORRANCE_STARTS = tuple(
@@ -23,6 +24,7 @@ _COOK_TORRANCE_STARTS = tuple(
 )
 
 
+@model
 def cook_torrance() -> Model:
     r"""Cook and Torrance's model: Beckmann's distribution, V-cavities and the exact Fresnel reflectance; 12 parameters.
 

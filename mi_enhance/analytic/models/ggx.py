@@ -5,10 +5,11 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 
+from .. import lobes, terms
 from .. import parameters as p
-from .. import terms
 from ..graph import Node
 from .model import Model, renamed
+from .registry import model
 
 # Two roughnesses each, at half the initial strength: narrow over wide, and both wide.
 _PAIRS = tuple(
@@ -17,6 +18,7 @@ _PAIRS = tuple(
 )
 
 
+@model
 def ggx() -> Model:
     """Anisotropic Cook-Torrance with the GGX distribution: 12 parameters, 6 terms, 5 operators.
 
@@ -41,10 +43,11 @@ def ggx() -> Model:
     )
 
 
+@model
 def ggx2() -> Model:
     """Two GGX lobes over a directional diffuse term: 17 parameters, 12 terms, 11 operators.
 
-    What measured materials show beside one GGX is given nodes of its own: a factor B of the diffuse term (bright edges
+    Measured materials show more than one GGX, and it has nodes of its own: a factor B of the diffuse term (bright edges
     or retro-reflection; 1 for Lambert) and a second lobe with its own colour and roughness (a coat over paint, flakes,
     the wide tail of metals, the white of grazing angles). Three colours with three scalar factors span all of RGB.
 
@@ -84,6 +87,6 @@ def ggx2() -> Model:
 
 
 def _second(name: str, term: Callable) -> Node:
-    """A node of the second lobe: `term` with rho_s2, alpha_x2, alpha_y2 in place of the first lobe's parameters."""
-    own = {n: f"{n}2" if n in ("rho_s", "alpha_x", "alpha_y") else n for n in inspect.signature(term).parameters}
-    return renamed(name, term, own)
+    """Return a node of the second lobe: `term` with rho_s2, alpha_x2, alpha_y2 for the first lobe's parameters."""
+    names = inspect.signature(term).parameters
+    return renamed(name, term, {n: lobes.SECOND.own(n) if n in lobes.OWN else n for n in names})

@@ -1,4 +1,4 @@
-"""What a model is: a graph, its parameters, where its fits start, the GGX lobes that cover it."""
+"""The record of a model: a graph, its parameters, starts of its fits, the GGX lobes that cover it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from collections.abc import Callable, Mapping
 
 from .. import parameters as p
 from ..graph import Node
+from ..lobes import LOBES
 
 
 def lobes_of_alpha(params: Mapping) -> list[tuple]:
-    """The GGX lobes of a model that has roughness and specular albedo: (rho_s, alpha_x, alpha_y) of each."""
-    return [
-        tuple(params[f"{k}{n}"] for k in ("rho_s", "alpha_x", "alpha_y")) for n in ("", "2") if f"rho_s{n}" in params
-    ]
+    """Return (rho_s, alpha_x, alpha_y) of each lobe of a model that has roughness and specular albedo."""
+    return [tuple(params[name] for name in (q.rho_s, q.alpha_x, q.alpha_y)) for q in LOBES if q.rho_s in params]
 
 
 # The loss has a local minimum for each lobe width it can explain: one start for each.
@@ -22,18 +21,18 @@ _ROUGHNESSES = tuple({"alpha_x": alpha, "alpha_y": alpha} for alpha in (0.02, 0.
 
 @dataclasses.dataclass(frozen=True)
 class Model:
-    """A graph, the parameters it reads, and where it comes from. Prints as its equation.
+    """A graph, the parameters it reads, and its source. Prints as its equation.
 
     Parameters
     ----------
     name : str
-        In files and in :func:`get`.
+        Its name in files and for :func:`mi_enhance.models.get`.
     graph : Node
     parameters : tuple of Parameter
     source : str
         Literature.
     starts : tuple of dict
-        Where an analytic fit starts from, each what differs from the initial values; by default six roughnesses.
+        Starts of an analytic fit, each with the values that differ from the initial ones; by default six roughnesses.
     lobes : callable
         ``lobes(params) -> [(rho_s, alpha_x, alpha_y), ...]``: GGX lobes that cover the model's own, for sampling.
     v_cavity : bool
@@ -41,15 +40,16 @@ class Model:
     terms : dict of str to str
         Slots that hold another analytic term than the model's own, see :mod:`mi_enhance.analytic.alternative_terms`.
     extra : tuple of str
-        Names of the parameters that those terms brought; networks do not read them.
+        Names of the parameters that those terms brought; modules do not read them.
     text : str
-        What a model of :func:`from_expression` was read from; files keep it.
+        The text that a model of :func:`mi_enhance.models.from_expression` was read from; files keep it.
 
     Examples
     --------
-    >>> print(ggx())
+    >>> from mi_enhance import models
+    >>> print(models.ggx())
     M + S * D * F * G * 1/E
-    >>> len(ggx().graph.slots)
+    >>> len(models.ggx().graph.slots)
     11
     """
 
@@ -69,5 +69,5 @@ class Model:
 
 
 def renamed(name: str, term: Callable, own: Mapping[str, str], label: str = "") -> Node:
-    """A node whose `term` reads other quantities than its arguments are called after: argument -> quantity."""
+    """Return a node whose `term` reads other quantities than those of its arguments' names: argument -> quantity."""
     return Node(name, lambda **q: term(**{n: q[o] for n, o in own.items()}), inputs=tuple(own.values()), label=label)

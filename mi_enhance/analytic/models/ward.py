@@ -6,8 +6,10 @@ from .. import parameters as p
 from .. import terms
 from ..graph import Node
 from .model import Model
+from .registry import model
 
 
+@model
 def ward() -> Model:
     r"""Ward's anisotropic model, neither Fresnel nor shadowing; 11 parameters.
 

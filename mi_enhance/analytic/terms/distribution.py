@@ -1,13 +1,16 @@
-"""Distributions D of microfacet normals."""
+"""Distributions D of microfacet normals, by roughness or exponent."""
 
 from __future__ import annotations
 
 import drjit as dr
 
+from .registry import term
+
 # Smallest squared cosine of a half vector that enters a division: exp(-tan^2) is 0 there for every roughness up to 1.
 _MIN_COS2_H = 1e-8
 
 
+@term("D")
 def D_ggx(h, alpha_x, alpha_y):
     r"""Anisotropic GGX (Trowbridge-Reitz) distribution of microfacet normals.
 
@@ -40,6 +43,7 @@ def D_ggx(h, alpha_x, alpha_y):
     return dr.rcp(dr.pi * alpha_x * alpha_y * dr.square(slope))
 
 
+@term("D")
 def D_ward(h, alpha_x, alpha_y):
     r"""Ward's anisotropic lobe: a Gaussian of the slopes.
 
@@ -72,6 +76,7 @@ def D_ward(h, alpha_x, alpha_y):
     return dr.exp(-slope) * dr.rcp(dr.pi * alpha_x * alpha_y)
 
 
+@term("D")
 def D_beckmann(h, alpha_x, alpha_y):
     r"""Anisotropic Beckmann distribution of microfacet normals.
 
@@ -147,77 +152,3 @@ def D_ashikhmin_shirley(h, n_u, n_v):
     far = -dr.log(dr.maximum(h.z, 1e-4)) / dr.maximum(sin2, 0.5)
     exponent = (n_u * dr.square(h.x) + n_v * dr.square(h.y)) * dr.select(u < 0.25, near, far)
     return dr.sqrt((n_u + 1) * (n_v + 1)) * (0.5 * dr.inv_pi) * dr.exp(-exponent)
-
-
-def D_abc(h, B, C):
-    r"""The ABC distribution with a peak of 1, :math:`D = 1 / (1 + B (1 - \cos\theta_h))^C`.
-
-    Parameters
-    ----------
-    h : mi.Vector3f, N lanes
-        Half vector, unit length, local frame, above the horizon. 1 - cos(theta_h) is computed as
-        (h_x^2 + h_y^2) / (1 + h_z): the difference itself has an error of 6e-8, half the width of a lobe with B = 1e7.
-    B : mi.Float, 1 or N lanes
-        Inverse width, at least 0; published fits reach from 11 to 8.1e6.
-    C : mi.Float, 1 or N lanes
-        Fall-off of the tail, above 0; published fits reach from 0.024 to 2.7.
-
-    Returns
-    -------
-    mi.Float, N lanes
-        In (0, 1]; not normalized.
-
-    References
-    ----------
-    Low, Kronander, Ynnerman and Unger 2012, *BRDF Models for Accurate and Efficient Rendering of Glossy Surfaces*, the
-    microfacet model.
-
-    Examples
-    --------
-    >>> D_abc(mi.Vector3f(0.6, 0, 0.8), mi.Float(5), mi.Float(2))
-    [0.25]
-    """
-    x = (dr.square(h.x) + dr.square(h.y)) / (1 + h.z)
-    return dr.exp(-C * dr.log(1 + B * x))
-
-
-def D_abc_normalised(h, B, C):
-    r"""The ABC distribution as a density of microfacet normals: an alternative to :func:`D_ggx` with a tail of its own.
-
-    .. math::
-        D = \frac{(1 + B x)^{-C}}{N}, \quad x = 1 - \cos\theta_h, \quad
-        N = \frac{2 \pi}{B^2} \left( (1 + B) g(1 - C) - g(2 - C) \right), \quad g(k) = \frac{(1 + B)^k - 1}{k}
-
-    Parameters
-    ----------
-    h : mi.Vector3f, N lanes
-        Half vector, unit length, local frame, above the horizon.
-    B, C : mi.Float, 1 or N lanes
-        As :func:`D_abc`; B at least 1. C = 2 and B = 2 (1 / alpha^2 - 1) is GGX at small angles.
-
-    Returns
-    -------
-    mi.Float, N lanes
-        Density in 1/sr; integrates to 1 against cos_theta_h over the hemisphere.
-
-    References
-    ----------
-    Low et al. 2012, *BRDF Models for Accurate and Efficient Rendering of Glossy Surfaces*; N is the integral of
-    D cos(theta_h) over the hemisphere, by substitution of u = 1 + B x.
-
-    Examples
-    --------
-    >>> D_abc_normalised(mi.Vector3f(0, 0, 1), mi.Float(6), mi.Float(2))
-    [1.41328]
-    """
-    length = dr.log(1 + B)
-
-    def g(k):
-        t = k * length
-        # near k = 0 the difference cancels: two terms of the series are exact to 1e-7 there
-        near = dr.abs(t) < 1e-2
-        t_far = dr.select(near, 1, t)
-        return length * dr.select(near, 1 + t / 2 + dr.square(t) / 6, (dr.exp(t_far) - 1) / t_far)
-
-    n = dr.two_pi * ((1 + B) * g(1 - C) - g(2 - C)) / dr.square(B)
-    return D_abc(h, B, C) / n

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import drjit as dr
+import numpy as np
 
+from .. import parameters as p
 from ..geometry import MIN_COS
+from .registry import term
 
 
+# 0.04: a dielectric, where the model has no F0 of its own
+@term("F", parameters=(p.F0,), start=lambda values: {"F0": np.full_like(values["alpha_x"], 0.04)})
 def F_schlick(cos_theta_d, F0):
     r"""Schlick's approximation of the Fresnel reflectance, :math:`F = F_0 + (1 - F_0)(1 - \cos\theta_d)^5`.
 
@@ -35,6 +42,7 @@ def F_schlick(cos_theta_d, F0):
     return F0 + (1 - F0) * (dr.square(dr.square(q)) * q)
 
 
+@term("F", parameters=(p.F0,))
 def F_cook_torrance(cos_theta_d, F0):
     r"""Exact Fresnel reflectance of a dielectric with reflectance F0 at normal incidence, unpolarized light.
 
@@ -69,6 +77,12 @@ def F_cook_torrance(cos_theta_d, F0):
     return F0 * _fresnel_over_F0(cos_theta_d, dr.sqrt(dr.maximum(F0, 1e-8)))
 
 
+def _ior_of_f0(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    root = np.sqrt(np.clip(values["F0"], 0, 0.96))  # 0.96: an index of 100, where the range of `ior` ends
+    return {"ior": (1 + root) / (1 - root)}
+
+
+@term("F", parameters=(p.IOR,), start=_ior_of_f0)
 def F_dielectric(cos_theta_d, ior):
     r"""Exact Fresnel reflectance of a dielectric by its index of refraction, unpolarized light.
 

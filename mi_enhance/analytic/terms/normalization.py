@@ -5,8 +5,10 @@ from __future__ import annotations
 import drjit as dr
 
 from ..geometry import MIN_COS
+from .registry import term
 
 
+@term("1/E")
 def inv_E(cos_theta_i, cos_theta_o):
     r"""Normalization of the microfacet model, :math:`1/E = 1/(4 \cos\theta_i \cos\theta_o)`.
 
@@ -32,6 +34,7 @@ def inv_E(cos_theta_i, cos_theta_o):
     return dr.rcp(4 * dr.maximum(cos_theta_i, MIN_COS) * dr.maximum(cos_theta_o, MIN_COS))
 
 
+@term("1/E")
 def inv_E_pi(cos_theta_i, cos_theta_o):
     r"""Normalization of Cook and Torrance and of the ABC model, :math:`1/E = 1/(\pi \cos\theta_i \cos\theta_o)`.
 
@@ -58,6 +61,7 @@ def inv_E_pi(cos_theta_i, cos_theta_o):
     return dr.rcp(dr.pi * dr.maximum(cos_theta_i, MIN_COS) * dr.maximum(cos_theta_o, MIN_COS))
 
 
+@term("1/E")
 def inv_E_ward(cos_theta_i, cos_theta_o):
     r"""Normalization of Ward's model, :math:`1/E = 1/(4 \sqrt{\cos\theta_i \cos\theta_o})`.
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import drjit as dr
 
+from .registry import term
 
+
+@term("G")
 def G_smith_ggx(wi, wo, alpha_x, alpha_y):
     r"""Separable Smith shadowing and masking of GGX, :math:`G = G_1(\omega_i) G_1(\omega_o)`.
 
@@ -42,6 +45,7 @@ def G_smith_ggx(wi, wo, alpha_x, alpha_y):
     return g1(wi) * g1(wo)
 
 
+@term("G")
 def G_v_cavity(cos_theta_h, cos_theta_i, cos_theta_o, cos_theta_d):
     r"""Shadowing and masking by V-shaped grooves.
 

@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import difflib
 import math
+import operator
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn
 
 import drjit as dr
 import mitsuba as mi
+
+from ...system.messages import did_you_mean, shortened
 
 # A hostile text must not ask for much time or stack: Python's own parser and the recursion below stay shallow.
 _MAX_LENGTH, _MAX_DEPTH = 2000, 100
@@ -46,7 +49,7 @@ def _log(x):
     return dr.log(_maximum(x, _TINY))
 
 
-_FUNCTIONS = {
+_FUNCTIONS: dict[str, tuple[int, Callable]] = {
     "sqrt": (1, lambda x: dr.sqrt(_maximum(x, _TINY))),
     "exp": (1, _exp),
     "log": (1, _log),
@@ -58,8 +61,8 @@ _FUNCTIONS = {
     "maximum": (2, _maximum),
 }
 RESERVED = (*_FUNCTIONS, "pi")
-_SIGNS = {ast.UAdd: lambda a: a, ast.USub: lambda a: -a}
-_OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+_SIGNS: dict[type, Callable] = {ast.UAdd: lambda a: a, ast.USub: lambda a: -a}
+_OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _ALLOWED = f"Allowed: numbers, pi, names, + - * / **, parentheses, {', '.join(f'{f}()' for f in _FUNCTIONS)}."
 _LINEAR = "f must stay linear in the colours: multiply or divide a colour by numbers only, in a term of its own."
 
@@ -71,7 +74,7 @@ class Expression:
     Parameters
     ----------
     tree : ast.expr
-        What :func:`parse` has found to hold nothing but arithmetic.
+        A tree of :func:`parse`, which has found nothing but arithmetic in it.
     reads : tuple of str
         The names it depends on.
     is_colour : bool
@@ -82,7 +85,7 @@ class Expression:
     reads: tuple[str, ...]
     is_colour: bool
 
-    def __call__(self, /, **record):
+    def __call__(self, /, **record: Any) -> Any:
         return _value(self.tree, record)
 
 
@@ -130,29 +133,28 @@ def parse(text: str, kinds: Mapping[str, str], where: str) -> Expression:
     return Expression(tree, tuple(reads), is_colour)
 
 
-def shown(value) -> str:
-    """A value of a text for an error message: short, and without descending into tables, which may be very deep."""
+def shown(value: object) -> str:
+    """Show a value of a text in an error message: short, and without descending into tables, which may be very deep."""
     if isinstance(value, (dict, list)):
         return f"{len(value)} entries"
-    return "nothing" if value is None else _short(repr(value))
+    return "nothing" if value is None else shortened(value)
 
 
 def _short(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _check(node: ast.AST, depth: int, text: str, kinds: Mapping[str, str], where: str, reads: dict) -> bool:
+def _check(node: ast.expr, depth: int, text: str, kinds: Mapping[str, str], where: str, reads: dict) -> bool:
     """Tell whether `node` is proportional to a colour; note the names it reads; refuse all but arithmetic."""
 
-    def refuse(what: str, hint: str):
+    def refuse(what: str, hint: str) -> NoReturn:
         # offsets count bytes, and all characters are ASCII
         raise ValueError(f'{where}: {what} in "{_short(text[node.col_offset : node.end_col_offset])}". {hint}')
 
     def read(name: str, component: bool) -> bool:
         if name not in kinds:
-            near = difflib.get_close_matches(name, kinds, 1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
-            refuse(f'unknown name "{name}"', f"Choose from: {', '.join([*kinds, 'pi'])}.{hint}")
+            hint = f"Choose from: {', '.join([*kinds, 'pi'])}.{did_you_mean(name, kinds)}"
+            refuse(f'unknown name "{name}"', hint)
         if component and kinds[name] != "direction":
             refuse(f'"{name}" is not a direction', f'Write "{name}" without a component.')
         if not component and kinds[name] == "direction":
@@ -160,7 +162,7 @@ def _check(node: ast.AST, depth: int, text: str, kinds: Mapping[str, str], where
         reads[name] = None
         return kinds[name] == "colour"
 
-    def check(child: ast.AST) -> bool:
+    def check(child: ast.expr) -> bool:
         return _check(child, depth + 1, text, kinds, where, reads)
 
     if depth > _MAX_DEPTH:
@@ -196,8 +198,8 @@ def _check(node: ast.AST, depth: int, text: str, kinds: Mapping[str, str], where
     refuse(f"{type(node).__name__} is not arithmetic", _ALLOWED)
 
 
-def _value(node: ast.AST, record: Mapping):
-    """The value of a checked tree."""
+def _value(node: ast.expr, record: Mapping) -> Any:
+    """Compute the value of a checked tree."""
     match node:
         case ast.Constant(value=value):
             return mi.Float(value)
@@ -211,29 +213,31 @@ def _value(node: ast.AST, record: Mapping):
             return _SIGNS[type(op)](_value(operand, record))
         case ast.Call(func=ast.Name(id=name), args=args):
             return _FUNCTIONS[name][1](*(_value(a, record) for a in args))
-    a = _value(node.left, record)
-    if isinstance(node.op, ast.Pow):
-        return _power(a, node.right, record)
-    b = _value(node.right, record)
-    match node.op:
-        case ast.Add():
-            return a + b
-        case ast.Sub():
-            return a - b
-        case ast.Mult():
-            return a * b
-    return _divide(a, b)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return _power(_value(left, record), right, record)
+        case ast.BinOp(left=left, op=op, right=right):
+            return _BINARY[type(op)](_value(left, record), _value(right, record))
+    raise TypeError(f"{type(node).__name__} is not arithmetic")  # parse() has refused it
 
 
-def _divide(a, b):
+def _divide(a: Any, b: Any) -> Any:
     return a / dr.select(dr.abs(b) < _TINY, dr.copysign(mi.Float(_TINY), b), b)
 
 
-def _power(a, exponent: ast.AST, record: Mapping):
+_BINARY: dict[type, Callable] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: _divide,
+}
+
+
+def _power(a: Any, exponent: ast.expr, record: Mapping) -> Any:
     number, sign = exponent, 1
     while isinstance(number, ast.UnaryOp):
-        number, sign = number.operand, -sign if isinstance(number.op, ast.USub) else sign
-    if isinstance(number, ast.Constant) and number.value <= _MAX_POWER and number.value == int(number.value):
-        n = int(number.value)
-        return a**n if sign > 0 else _divide(1, a**n)
+        sign = -sign if isinstance(number.op, ast.USub) else sign
+        number = number.operand
+    match number:
+        case ast.Constant(value=int() | float() as n) if n <= _MAX_POWER and n == int(n):
+            return a ** int(n) if sign > 0 else _divide(1, a ** int(n))
     return _exp(_value(exponent, record) * _log(a))

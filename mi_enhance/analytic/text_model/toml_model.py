@@ -1,13 +1,13 @@
 """A reflectance model from a TOML text: the formula, its terms as expressions, its parameters. See docs/files.md.
 
-What the rest of the package relies on is checked here, once: f is linear in the colours and each colour stands in one
-term, so edits, fits and :mod:`mi_enhance.material.colour_normalization` may scale it; rho_d is the diffuse albedo and M the diffuse term.
+The rest of the package relies on two properties, which are checked here, once. f is linear in the colours and each
+colour stands in one term, so edits, fits and :mod:`mi_enhance.material.colour_normalization` may scale it; rho_d is the
+diffuse albedo and M the diffuse term.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import keyword
 import re
 import sys
@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 
 import drjit as dr
 
+from ...system.messages import did_you_mean
 from .. import parameters
 from ..geometry import QUANTITIES
 from ..graph import Node
@@ -33,7 +34,7 @@ _TAKEN = {
     *(*QUANTITIES, *expression.RESERVED, *parameters.FRAME, "latent", "asymmetry"),
     *("type", "id", "filename", "description", "params", "weights"),  # of the plugin's dictionary
 }
-# Sampling, networks and alternative terms read these by name: their meaning is fixed.
+# Sampling, modules and alternative terms read these by name: their meaning is fixed.
 _STANDARD = {q.name: q for q in vars(parameters).values() if isinstance(q, Parameter) and q.name not in _TAKEN}
 _KEYS = ("name", "source", "formula", "frame", "v_cavity", "terms", "parameters", "starts", "lobes")
 _LOBE = ("rho_s", "alpha_x", "alpha_y")
@@ -115,8 +116,7 @@ def _get(table: Mapping, key: str, kind: type, where: str, default=None):
 def _only(table: Mapping, keys: Iterable[str], where: str) -> None:
     for key in table:
         if key not in keys:
-            near = difflib.get_close_matches(key, keys, 1)
-            hint = f' Did you mean "{near[0]}"?' if near else ""
+            hint = did_you_mean(key, keys)
             raise ValueError(f'{where}: unknown entry "{key[:60]}". Choose from: {", ".join(keys)}.{hint}')
 
 
@@ -176,7 +176,7 @@ def _parameter(name: str, given, where: str) -> Parameter:
             f"{where}: has size {standard.size}, log {str(standard.log).lower()} and a range within [{standard.low:g}, "
             f"{standard.high:g}] in all models. Narrow the range, or choose another name."
         )
-    return Parameter(name, size, low, high, initial, log)
+    return Parameter(name, size, low, high, initial, log, kind="colour" if size == 3 else "scalar")
 
 
 def _start(given: Mapping, all_parameters, where: str) -> dict:
@@ -215,7 +215,7 @@ def _check_terms(terms: Mapping[str, Expression], kinds: Mapping[str, str], wher
 
 
 def _graph(formula: str, terms: Mapping[str, Expression], where: str) -> Node:
-    """The formula as a graph; a product associates to the right, a sum to the left, as in the package's own models."""
+    """Turn the formula into a graph; products associate to the right, sums to the left, as in the package's models."""
     tokens = re.findall(r"(?:1/)?[A-Za-z]\w*|\S", formula, re.ASCII)
     names = [t for t in tokens if t not in "+*()"]
     for name in (*names, *terms):
@@ -284,7 +284,6 @@ def _lobe(given: Mapping, kinds: Mapping[str, str], where: str) -> list[Expressi
 
 
 def _lobes(lobes: list[list[Expression]]):
-    # [1e-4, 1]: where Mitsuba's own microfacet distribution begins and ours end
     return lambda params: [
-        (rho_s(**params), *(dr.clip(a(**params), 1e-4, 1) for a in alphas)) for rho_s, *alphas in lobes
+        (rho_s(**params), *(dr.clip(a(**params), *parameters.ROUGHNESS) for a in alphas)) for rho_s, *alphas in lobes
     ]

@@ -1,0 +1,18 @@
+"""What materials say of how they were made: keys of ``Material.report``, JSON types only."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+
+class SpecializeReport(TypedDict, total=False):
+    """What :func:`mi_enhance.specialization.specialize.specialize` adds; see there."""
+
+    specialize_network: str
+    specialize_error: float
+    specialize_max_error: float
+    specialize_multiply_adds: int
+    specialize_multiply_adds_exact: int
+    specialize_seconds: float
+    specialize_log_l1: float
+    specialize_log_l1_exact: float
