@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from ..images.own_files import OwnFiles
 from ..system.bundled_files import DEFAULT_NETWORK
 from . import arguments
 from .bridge import call
@@ -49,6 +50,10 @@ def run(args: argparse.Namespace) -> dict:
     inputs = [args.scene, args.views, model]
     output = output_file(args.output, (".bsdf",), inputs)
     preview = output_folder(args.preview, "--preview") if args.preview else None
+    pages = OwnFiles(preview, "fit-images --preview") if preview else None
+    if pages:
+        for name in ("views.png", "convergence.png"):
+            pages.check(name)  # a photograph of that name is found before the fit, not after it
     mi = arguments.set_variant(args.variant)
     from ..images import fit_images, pictures, scene_materials
     from ..images.view_files import read_views
@@ -74,9 +79,13 @@ def run(args: argparse.Namespace) -> dict:
     for name, material in found.materials.items():
         material.save(made(outputs[name]))
         print(f"{material.show()}\n{outputs[name]}")
-    if preview:
-        pictures.draw_views(views, found.renders, preview / "views.png")
-        pictures.draw_convergence({output.stem: found.curve}, preview / "convergence.png")
+    if pages:
+        with pages.replacing("views.png") as temporary:
+            pictures.draw_views(views, found.renders, temporary)
+        with pages.replacing("convergence.png") as temporary:
+            pictures.draw_convergence({output.stem: found.curve}, temporary)
+    if not found.materials:
+        print("No file is written: a parameter of each material is a texture.")
     for row in found.report["views"]:
         print(f"{row['name']} ({row['split']}): mean abs log difference {row['mean_abs_log']:.4f}")
     return {**found.report, "curve": found.curve, "outputs": [str(outputs[name]) for name in found.materials]}

@@ -80,6 +80,8 @@ def render_views(scene: mi.Scene, views: Sequence[View], *, spp: int = 64, seed:
     result = []
     for k, view in enumerate(views):
         sensor = mi.load_dict(view.sensor())
-        image = np.array(mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=seed + k), np.float32)
+        image = np.array(
+            mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=mi.UInt32(seed + k)), np.float32
+        )
         result.append(dataclasses.replace(view, image=image, ceiling=math.inf))
     return result

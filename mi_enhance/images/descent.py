@@ -21,7 +21,7 @@ _MEMORY = 8  # renders whose mean is what the scene looks like: fewer are noisy,
 
 
 class Descent:
-    """The values that move, and what moves them. The scene always holds the values of the last step.
+    """A descent: the values that move, and the steps that move them. The scene holds the values of the last step.
 
     Parameters
     ----------
@@ -71,7 +71,8 @@ class Descent:
             else:
                 put(self.params, key, value)
         self._moved = moved
-        self._seen = {}  # by id: the target, how many renders, and their mean, the last ones counting most
+        # by id: the target, how many renders, and their mean, the last ones counting most
+        self._seen: dict[int, tuple[Target, int, np.ndarray]] = {}
         self._adam = Adam(lr=1e-3, params={key: mi.Float(v.astype(np.float32)) for key, v in moved.items()})
         self._update(attach=False)
 
@@ -84,14 +85,7 @@ class Descent:
 
     def _update(self, attach: bool) -> tuple[dict, mi.Float]:
         """Hand the values to the scene; return those that gradients arrive at, and the factor of the light."""
-        for u in self.unknowns:
-            put(self.params, u.key, u.space.to_physical(self._moved[u.key]))
-            value = self.params[u.key]
-            dr.make_opaque(value)  # data of the compiled function, not part of its code
-            if attach:
-                dr.enable_grad(value)
-            self.params[u.key] = value
-        self.params.update()
+        self._hand_over(self.values(), attach)
         light = dr.opaque(
             mi.Float, float(self.light.space.to_physical(self._moved[self.light.key])[0]) if self.light else 1.0
         )
@@ -99,10 +93,28 @@ class Descent:
             dr.enable_grad(light)
         return {u.key: self.params[u.key] for u in self.unknowns}, light
 
+    def _hand_over(self, values: Mapping[str, np.ndarray], attach: bool = False) -> None:
+        for u in self.unknowns:
+            put(self.params, u.key, values[u.key])
+            value = self.params[u.key]
+            dr.make_opaque(value)  # data of the compiled function, not part of its code
+            if attach:
+                dr.enable_grad(value)
+            self.params[u.key] = value
+        self.params.update()
+
     # ------------------------------------------------------------------ rendering
 
-    def render(self, target: Target, spp: int, seed: int) -> np.ndarray:
-        """The scene as the cameras of a target see it, (H, views * W, 3)."""
+    def render(
+        self, target: Target, spp: int, seed: int, *, instead: Mapping[str, np.ndarray] | None = None
+    ) -> np.ndarray:
+        """Return the scene as the cameras of a target see it, (H, views * W, 3), with some unknowns at other values."""
+        if instead:
+            self._hand_over({**self.values(), **instead})
+            try:
+                return self.render(target, spp, seed)
+            finally:
+                self._hand_over(self.values())
         light = dr.opaque(mi.Float, float(self.values()[self.light.key][0]) if self.light else 1.0)
         with no_collection():
             return np.array(self._primal(self.scene, target.sensor, light, dr.opaque(mi.UInt32, seed), spp))
@@ -113,7 +125,7 @@ class Descent:
 
     def _trace_backward(self, scene, values, sensor, image, weight, saturated, seen, light, seed, spp: int):
         # values and light are arguments although the scene knows them: gradients arrive there
-        target = Target((), sensor, image, weight, saturated)
+        target = Target([], sensor, image, weight, saturated)
         # prb draws other random numbers for the gradient than for the image; the light's gradient is that of `seen`
         image = mi.render(scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, seed=seed)
         rendered = dr.detach(light) * image + (light / dr.detach(light) - 1) * seen
@@ -133,7 +145,7 @@ class Descent:
     # ------------------------------------------------------------------ steps
 
     def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> np.ndarray:
-        """One step against the gradient; the mean of the last renders is returned, its loss is in the curve."""
+        """Take a step against the gradient; return the mean of the last renders, whose loss is in the curve."""
         if id(target) not in self._seen:
             self._seen[id(target)] = (target, 1, self._finite(self.render(target, spp, self._seed), 0))
         _, n, seen = self._seen[id(target)]

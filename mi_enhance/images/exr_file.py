@@ -16,6 +16,13 @@ _BEAUTY = re.compile(r"(.*\.)?(combined|beauty|rgba?|colou?r|default)$", re.IGNO
 _MOST_NUMBERS = 1 << 31  # of all channels together: 8 GB, and more than the memory of most
 
 
+class _Channel:
+    """What the header says of a channel; its name may be no text, which is found here."""
+
+    def __init__(self, channel: Any):
+        self.name, self.step_x, self.step_y = str(channel.name), channel.xSampling, channel.ySampling
+
+
 class _Layer(NamedTuple):
     """Channels of one part that make a picture."""
 
@@ -37,7 +44,7 @@ def read_exr(file: Path, where: str) -> Photograph:
 
     try:
         with OpenEXR.File(str(file), separate_channels=True, header_only=True) as opened:
-            headers = [dict(part.header) for part in opened.parts]
+            headers = [{**p.header, "channels": [_Channel(c) for c in p.header["channels"]]} for p in opened.parts]
     except Exception as error:  # noqa: BLE001  (the library raises several kinds)
         raise ValueError(f"{where} cannot be read as an image ({error}): the EXR file is damaged.") from None
     n_bytes = file.stat().st_size
@@ -48,6 +55,8 @@ def read_exr(file: Path, where: str) -> Photograph:
     _check_picture(header, layer, where)
     try:
         with OpenEXR.File(str(file), separate_channels=True) as opened:
+            if len(opened.parts) != len(headers):  # the library drops a part that it cannot read
+                raise ValueError("its pixels are cut off or broken")
             channels = opened.parts[layer.part].channels
             colours = [np.asarray(channels[name].pixels) for name in layer.colours]
             alpha = np.asarray(channels[layer.alpha].pixels) if layer.alpha else None
@@ -85,7 +94,7 @@ def _check_part(header: dict[str, Any], n_bytes: int, where: str) -> None:
 
 def _check_picture(header: dict[str, Any], layer: _Layer, where: str) -> None:
     used = {*layer.colours, layer.alpha}
-    if any(c.name in used and (c.xSampling, c.ySampling) != (1, 1) for c in header["channels"]):
+    if any(c.name in used and (c.step_x, c.step_y) != (1, 1) for c in header["channels"]):
         raise ValueError(f"{where}: {', '.join(layer.colours)} have fewer samples than pixels. Save it with full RGB.")
     aspect = float(header.get("pixelAspectRatio", 1.0))
     if not abs(aspect - 1) < 1e-3:  # rounding

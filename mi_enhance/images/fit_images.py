@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mitsuba as mi
@@ -12,14 +13,19 @@ import numpy as np
 from ..analytic.parameters import Parameter
 from ..material.colour_normalization import plain
 from ..material.material import Material
+from ..numerics.schedules import cosine_decay
+from ..system.checks import positive_int
+from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
-from . import image_loss, pictures
+from . import image_loss, pictures, visibility
 from . import targets as targets_module
 from . import unknowns as unknown_parameters
 from .descent import Descent
+from .own_files import OwnFiles
 from .result import RECENT, ImageFit, result
 from .scene_materials import SceneMaterial, find
 from .starts import candidates, with_best_colours
+from .targets import Target
 from .unknowns import Unknown
 from .views import View
 
@@ -29,6 +35,7 @@ _SURVIVORS, _TRIAL = 3, 25  # starts that go down a way, and how far, before the
 _START_SIZE, _START_SPP = 24, 16  # pixels on a side at which starts are compared
 _LATE = 0.2  # of the first stage's iterations without the latent numbers
 PREVIEW = 20  # iterations from one preview to the next
+_PICTURE = "step_{:04d}.png"
 _LAST_RATE = 0.05  # learning rate at the end, as a share of that at the start
 LIGHT = Parameter("light_scale", 1, 1e-3, 1e3, 1.0, log=True)
 
@@ -46,7 +53,7 @@ def fit_images(
     lr: float = 0.05,
     max_depth: int = 6,
     seed: int = 0,
-    callback: Callable | None = None,
+    progress: Callback = silent,
     preview: str | Path | None = None,
 ) -> ImageFit:
     """Find the parameters with which a scene looks like photographs of it. The scene keeps them.
@@ -81,10 +88,10 @@ def fit_images(
         Longest path. A photograph has them all, and the material makes up for those that are missing: in a white room
         a fit at depth 4 came out 6 % too bright.
     seed : int
-    callback : callable, optional
-        ``callback(stage, step, loss)`` after every iteration.
+    progress : callable, optional
+        Called after every iteration, with the ``loss`` among its values.
     preview : str or Path, optional
-        Folder for pictures of photographs over renders, one every few iterations.
+        Folder for pictures of photographs over renders, one every few iterations. Files of others are not replaced.
 
     Returns
     -------
@@ -93,7 +100,8 @@ def fit_images(
     Raises
     ------
     ValueError
-        For a scene without unknowns, unknown names, no view to fit, or settings out of range.
+        For a scene without unknowns, unknown names, no view to fit, settings out of range, or photographs that do not
+        see what is sought. Single views that do not are told in a warning.
     RuntimeError
         If no RGB variant with gradients is active.
 
@@ -111,7 +119,8 @@ def fit_images(
     """
     start = time.perf_counter()
     require_rgb("fit_images()")
-    train = _checked(views, stages, lr, max_depth)
+    train, stages = _checked(views, stages, lr, max_depth)
+    folder = _pictures_folder(preview)
     scale = image_loss.brightness(train)
     if loss not in image_loss.LOSSES:
         raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(image_loss.LOSSES)}.')
@@ -120,19 +129,22 @@ def fit_images(
     placed = find(mi.traverse(scene), materials)
     light = Unknown("light_scale", LIGHT) if light_scale else None
     descent = Descent(scene, sought, light, measure, max_depth, seed)
-    callback, folder = callback or (lambda *_: None), _folder(preview)
+    small = _small(train)
+    for text in visibility.warnings_of(descent, placed, small, seed):
+        warnings.warn(text, stacklevel=2)
 
-    def go(stage, targets, spp, rates, late=0):
+    def go(stage: str, targets: Sequence[Target], spp: int, rates: Sequence[float], late: int = 0) -> None:
         for k, rate in enumerate(rates):
             target = targets[k % len(targets)]
             image = descent.step(target, spp, rate, hold_late=k < late)
             step, value = descent.curve[-1]["step"], descent.curve[-1]["loss"]
-            callback(stage, step, value)
+            progress(Progress(stage, k + 1, len(rates), {"loss": value}))
             if folder and (step - 1) % PREVIEW == 0:
-                pictures.preview(target, image, folder / f"step_{step:04d}.png")
+                with folder.replacing(_PICTURE.format(step)) as temporary:
+                    pictures.preview(target, image, temporary)
 
     targets = targets_module.targets(train, stages[0][0])
-    ways = _starts(descent, placed, train, scale, starts, seed)
+    ways = _starts(descent, placed, small, scale, starts, seed)
     ends = []
     for k, way in enumerate(ways if len(ways) > 1 else ()):
         descent.put(way)
@@ -140,36 +152,42 @@ def fit_images(
         recent = [row["loss"] for row in descent.curve[-RECENT:]]
         ends.append((float(np.mean(recent)), {**way, **descent.values()}))
     descent.put(min(ends, key=lambda end: end[0])[1] if ends else ways[0])
-    rates = _rates(lr, sum(steps for *_, steps in stages))
+    n = sum(steps for *_, steps in stages)
+    rates = [lr * cosine_decay(k, n, low=_LAST_RATE) for k in range(n)]
     for k, (factor, spp, steps) in enumerate(stages):
         targets = targets if k == 0 else targets_module.targets(train, factor)
         own, rates = rates[:steps], rates[steps:]
         go(f"stage {k + 1} of {len(stages)}", targets, spp, own, round(_LATE * steps) if k == 0 else 0)
     descent.settle()
-    settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": max_depth, "seed": seed}
-    return result(descent, placed, views, settings, start)
+    settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": int(max_depth), "seed": seed}
+    return result(descent, placed, views, visibility.undetermined(descent, small, seed), settings, start)
 
 
-def _checked(views: Sequence[View], stages, lr: float, max_depth: int) -> list[View]:
-    """The views to fit; everything is looked at before anything is rendered."""
+def _checked(views: Sequence[View], stages, lr: float, max_depth: int) -> tuple[list[View], list[tuple[int, int, int]]]:
+    """Return the views to fit, and the stages as integers; everything is looked at before anything is rendered."""
     train = [v for v in views if v.split == "train"]
     if not train:
         raise ValueError(f'fit_images(): none of the {len(views)} views has split "train". At least one is needed.')
     names = [v.name for v in views]
     if len(set(names)) < len(names):
         raise ValueError("fit_images(): two views have the same name. Rename one.")
+    for view in views:
+        if not np.isfinite(view.image).all():  # under the mask anything has become 0
+            raise ValueError(f'fit_images(): view "{view.name}" holds NaN or infinity where it counts. Mask it there.')
+    where = "fit_images(), stages (1 / size, samples per pixel, iterations)"
+    checked = []
     for stage in stages:
-        if len(stage) != 3 or any(not isinstance(n, int) or n < 1 for n in stage):
-            raise ValueError(
-                f"fit_images(): stage {stage!r} must be positive integers: 1 / size, samples per pixel, iterations."
-            )
-    if not stages:
+        if np.shape(stage) != (3,):
+            raise ValueError(f"{where}: {stage!r} must be three positive integers.")
+        factor, spp, steps = (positive_int(n, f"one of {tuple(stage)}", where) for n in stage)
+        checked.append((factor, spp, steps))
+    if not checked:
         raise ValueError("fit_images(): stages is empty. At least one is needed, such as (1, 16, 100).")
     if not 0 < lr < 10:
         raise ValueError(f"fit_images(): lr = {lr} is out of range: above 0, below 10.")
-    if not isinstance(max_depth, int) or max_depth < 2:
+    if positive_int(max_depth, "max_depth", "fit_images()") < 2:
         raise ValueError(f"fit_images(): max_depth is {max_depth!r}; 2 (light, surface, camera) is the least.")
-    return train
+    return train, checked
 
 
 def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
@@ -183,10 +201,16 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
     return sought
 
 
-def _starts(descent: Descent, placed: Mapping[str, SceneMaterial], train, scale: float, given, seed: int) -> list[dict]:
-    """Values to start from, the most promising first; several only where there is a single material."""
+def _small(train: Sequence[View]) -> list[Target]:
+    """Small images, for what needs many renders."""
     side = np.sqrt(np.mean([v.mask.sum() for v in train]))  # of what counts: the object may be small in the picture
-    targets = targets_module.targets(train, max(1, round(side / _START_SIZE)))
+    return targets_module.targets(train, max(1, round(side / _START_SIZE)))
+
+
+def _starts(
+    descent: Descent, placed: Mapping[str, SceneMaterial], targets: Sequence[Target], scale: float, given, seed: int
+) -> list[dict]:
+    """Values to start from, the most promising first; several only where there is a single material."""
     render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
     if descent.light:
         # before any colour: a bright one under a dark light is a minimum, too
@@ -195,7 +219,7 @@ def _starts(descent: Descent, placed: Mapping[str, SceneMaterial], train, scale:
     first, ways = dict(descent.values()), []
     for one in placed.values():
         # with some parameters known or textured, the others start as they are
-        all_free = free.issuperset(one.keys[name] for name in one.moving())
+        all_free = all(one.keys.get(name) in free for name in one.moving())
         ranked = []
         for material in candidates(one) if all_free else [one.read(descent.params)]:
             found, error = with_best_colours(
@@ -215,13 +239,10 @@ def _starts(descent: Descent, placed: Mapping[str, SceneMaterial], train, scale:
     return ways if ways and len(placed) < 2 else [first]
 
 
-def _rates(lr: float, n: int) -> np.ndarray:
-    """A cosine from `lr` down to a share of it."""
-    return lr * (_LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + np.cos(np.pi * np.arange(n) / max(n, 1))))
-
-
-def _folder(path) -> Path | None:
+def _pictures_folder(path: str | Path | None) -> OwnFiles | None:
     if path is None:
         return None
-    Path(path).mkdir(parents=True, exist_ok=True)
-    return Path(path)
+    own = OwnFiles(Path(path), "fit_images(), preview")
+    for existing in own.folder.glob(_PICTURE.format(0).replace("0000", "*")):
+        own.check(existing.name)  # before anything is rendered
+    return own

@@ -34,12 +34,12 @@ def ratio(targets: Sequence[Target], images: Sequence[np.ndarray]) -> float:
         truth = np.array(target.image).mean(-1)
         bright = (np.array(target.weight)[..., 0] > 0) & (truth > 0) & (image.mean(-1) > 0)
         ratios.append(truth[bright] / image.mean(-1)[bright])
-    ratios = np.concatenate(ratios)
-    return float(np.median(ratios)) if ratios.size else 1.0
+    every = np.concatenate(ratios)
+    return float(np.median(every)) if every.size else 1.0
 
 
 class Measure(NamedTuple):
-    r"""How far a render is from a target: weighted mean over pixels and channels.
+    r"""The distance of a render from a target: weighted mean over pixels and channels.
 
     .. math:: L_{log} = \sum_k w_k \left| \log(1 + x_k / s) - \log(1 + t_k / s) \right|, \qquad
               L_{rel} = \sum_k w_k |x_k - t_k| / (t_k + s)
@@ -68,7 +68,7 @@ class Measure(NamedTuple):
         return float((weight * np.abs(difference)).sum(dtype=np.float64))
 
     def pull(self, image: mi.TensorXf, seen: mi.TensorXf, target: Target):
-        """What has the gradient of the loss, without bias for a noisy image.
+        """Return a surrogate loss, whose gradient is that of the loss, without bias for a noisy image.
 
         The absolute value of a noisy difference would be least where the median of a render is the photograph, and
         noise of light is skewed: colours came out 10 % too bright at 16 samples. So the difference is squared, over its
@@ -85,6 +85,6 @@ class Measure(NamedTuple):
         slope = 1 / ((dr.maximum(seen, 0) if self.kind == "log" else truth) + self.scale)
         # a share of the brightness: what is explained to within the noise pulls in proportion to its distance
         size = dr.abs(seen - truth) + _NEAR * (truth + self.scale)
-        free = (target.saturated & (seen >= truth)) | ~dr.isfinite(image)
+        free = (target.saturated & (seen >= truth)) | ~dr.isfinite(image)  # type: ignore[operator]  # of bool
         difference = dr.select(free, 0, image - truth)
         return dr.sum(0.5 * target.weight * slope / size * dr.square(difference), axis=None)

@@ -28,7 +28,8 @@ def read_jpeg(file: Path, where: str) -> Photograph:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # sizes and metadata: the size is checked here, bad metadata passed over
             with Image.open(file, formats=("JPEG", "MPO")) as opened:
-                check_size(*opened.size, file.stat().st_size, where)
+                width, height = opened.size
+                check_size(width, height, file.stat().st_size, where)
                 mode, profile, tags = opened.mode, opened.info.get("icc_profile"), opened.getexif()
                 raw = np.array(opened) if mode in ("L", "RGB") else None
                 turn, adobe = orientation_of(tags), is_adobe_rgb(tags)

@@ -6,7 +6,6 @@ import dataclasses
 import math
 from pathlib import Path
 
-import mitsuba as mi
 import numpy as np
 
 from .colour_spaces import ColourSpace
@@ -38,7 +37,9 @@ class Photograph:
 
 
 def read_photograph(file: Path, where: str) -> Photograph:
-    """Read one image: EXR, PNG, JPEG, or what else Mitsuba reads.
+    """Read one image: EXR, PNG or JPEG, whatever its suffix.
+
+    Mitsuba's readers of other formats end the process where a file is damaged.
 
     Parameters
     ----------
@@ -64,19 +65,7 @@ def read_photograph(file: Path, where: str) -> Photograph:
         return read_png(file, where)
     if start[:3] == b"\xff\xd8\xff":
         return read_jpeg(file, where)
-    if start[:2] == b"#?" or start[:3] in (b"PF\n", b"Pf\n"):  # RGBE, PFM: linear
-        return _read_other(file, where)
-    raise ValueError(
-        f"{where} cannot be read as an image: it is no EXR, PNG, JPEG, HDR or PFM file. Convert it to one of them."
-    )
-
-
-def _read_other(file: Path, where: str) -> Photograph:
-    try:
-        bitmap = mi.Bitmap(str(file))
-    except RuntimeError as error:
-        raise ValueError(f"{where} cannot be read as an image ({str(error).splitlines()[-1]}).") from None
-    return Photograph(np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)))
+    raise ValueError(f"{where} cannot be read as an image: it is no EXR, PNG or JPEG file. Convert it to one of them.")
 
 
 def check_size(width: int, height: int, n_bytes: int, where: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .colour_spaces import CICP_CURVES, CICP_PRIMARIES, ColourSpace, Curve, decode_srgb, matrix_of_primaries, power
+from .colour_spaces import CICP_CURVES, CICP_PRIMARIES, ColourSpace, decode_srgb, matrix_of_primaries, power
 from .exif import orientation
 from .icc_profile import read_icc_profile
 from .photograph import Photograph, check_size, of_integers
@@ -116,17 +116,16 @@ def _space(chunks: dict[bytes, list[bytes]]) -> ColourSpace:
         return read_icc_profile(zlib.decompressobj().decompress(rest[1:], _LARGEST_PROFILE))
     if b"sRGB" in chunks:
         return ColourSpace(decode_srgb)
-    decode: Curve = decode_srgb
     matrix = None
-    if b"gAMA" in chunks:
-        (gamma,) = struct.unpack(">I", chunks[b"gAMA"][0])
-        if not 10_000 <= gamma <= 1_000_000:
-            raise ValueError(f"its gamma is {gamma / 1e5:g}")
-        decode = decode if abs(gamma - _SRGB_GAMMA) <= 50 else power(1e5 / gamma)
     if b"cHRM" in chunks:
         values = np.array(struct.unpack(">8I", chunks[b"cHRM"][0])) / 1e5
         matrix = matrix_of_primaries(np.roll(values, -2))  # the file has white first
-    return ColourSpace(decode, matrix)
+    if b"gAMA" not in chunks:
+        return ColourSpace(decode_srgb, matrix)
+    (gamma,) = struct.unpack(">I", chunks[b"gAMA"][0])
+    if not 10_000 <= gamma <= 1_000_000:
+        raise ValueError(f"its gamma is {gamma / 1e5:g}")
+    return ColourSpace(decode_srgb if gamma == _SRGB_GAMMA and matrix is None else power(1e5 / gamma), matrix)
 
 
 def _ceiling(chunks: dict[bytes, list[bytes]], header: _Header) -> int:

@@ -22,7 +22,8 @@ def pose_files(path: Path, where: str) -> dict[Path, str | None]:
         several = {path / name: split for name, split in _SPLIT_FILES.items() if (path / name).is_file()}
         if several:
             return dict(several)
-    return {require_file(path / FILE if path.is_dir() else path, where): None}
+    file = path / FILE if path.is_dir() else path
+    return {require_file(file, f'read_views("{file}")'): None}
 
 
 def read_poses(file: Path, where: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:

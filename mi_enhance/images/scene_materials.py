@@ -34,7 +34,7 @@ class SceneMaterial:
         )
 
     def moving(self) -> list[str]:
-        """Names of parameters that a fit of all of them moves."""
+        """Return the names of the parameters that a fit may change by default."""
         return [p.name for p in self.material.brdf.parameters if not p.fixed and p.name not in HELD]
 
     def read(self, params: mi.SceneParameters) -> Material:
@@ -43,7 +43,8 @@ class SceneMaterial:
         for p in self.material.brdf.parameters:
             if p.name in self.keys:
                 value = get(params, self.keys[p.name])
-                value = value.reshape(-1, p.size).mean(0) if self.keys[p.name].endswith((".data", ".value")) else value
+                if value.size != 1 and self.keys[p.name].endswith((".data", ".value")):  # 1: a grey, for each channel
+                    value = value.reshape(-1, p.size).mean(0)
                 values[p.name] = np.clip(value, p.low, p.high)
         return self.material.edit(**values)
 
@@ -71,13 +72,16 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
                     f'fit_images(): "{node.id()}" is a specialized material, which holds for its own parameters only. '
                     "Use the exact one: mi-enhance specialize FAST.bsdf --undo -o MAT.bsdf"
                 )
-            keys = {}
+            keys: dict[str, str] = {}
+            textures: dict[int, str] = {}
             first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
             prefix = first.rpartition(".")[0]
             for p in node.material.brdf.parameters:
                 for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
                     if key in params:
-                        keys[p.name] = key
+                        # two names of one texture, which Mitsuba makes of two equal ones, are one unknown
+                        texture = params.properties[key][2]
+                        keys[p.name] = key if texture is node else textures.setdefault(id(texture), key)
             result[node.id() or prefix] = SceneMaterial(node.material, keys)
     for name, material in (given or {}).items():
         if name not in result:

@@ -23,7 +23,7 @@ _DARK, _BRIGHT = 1e-4, 1.0
 
 
 def candidates(one: SceneMaterial) -> list[Material]:
-    """The material as it is, the starts of its analytic model, and a selection of the training materials."""
+    """Return the material as it is, the starts of its analytic model, and a selection of the training materials."""
     brdf = one.material.brdf
     values = parameters.initial(brdf.parameters)
     result = [one.material]
@@ -39,7 +39,7 @@ def candidates(one: SceneMaterial) -> list[Material]:
 
 
 def library_shapes(brdf, library: np.ndarray) -> np.ndarray:
-    """What tells training materials apart besides their colours, each number over its spread."""
+    """Return the numbers of training materials besides their colours, each over its spread."""
     free = np.concatenate([np.full(p.size, not (p.is_colour or p.fixed)) for p in brdf.parameters])
     u = parameter_space.Space(brdf.parameters).to_free(np.asarray(library, np.float64))[:, free]
     return (u - u.mean(0)) / (u.std(0) + 1e-6)  # 1e-6: what never varies
@@ -70,7 +70,7 @@ def with_best_colours(
     render: Callable,
     scale: float,
 ) -> tuple[Material, float]:
-    """The material with the colours that explain the targets best, and its loss.
+    """Return the material with the colours that explain the targets best, and its loss.
 
     A render is linear in the colours, but for light that meets the material twice: one render with all colours dark and
     one for each tell the rest.
@@ -137,7 +137,8 @@ def _linear_colours(material: Material) -> list[Parameter]:
     if brdf.modules and brdf.inputs not in COLOURLESS:
         return []
     colours = parameters.colours(brdf.model.parameters)
-    factors = [node for node in brdf.model.graph.walk() if not node.args and set(node.inputs) & colours]
-    alone = {node.inputs[0] for node in factors if len(node.inputs) == 1}
-    shared = {name for node in factors if len(node.inputs) > 1 for name in node.inputs}
+    terms = [node.inputs or () for node in brdf.model.graph.walk() if not node.args]
+    factors = [inputs for inputs in terms if set(inputs) & colours]
+    alone = {inputs[0] for inputs in factors if len(inputs) == 1}
+    shared = {name for inputs in factors if len(inputs) > 1 for name in inputs}
     return [p for p in brdf.model.parameters if p.name in alone - shared]

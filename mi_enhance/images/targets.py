@@ -21,7 +21,7 @@ class Target(NamedTuple):
     sensor: mi.Sensor
     image: mi.TensorXf  # (H, views * W, 3)
     weight: mi.TensorXf  # 1 where a pixel counts, over how many do
-    saturated: mi.TensorXb  # where the photograph is known from below only
+    saturated: mi.TensorXf  # of bool: where the photograph is known from below only
 
 
 def targets(views: Sequence[View], factor: int = 1) -> list[Target]:
@@ -54,7 +54,9 @@ def _target(views: list[View]) -> Target:
         sensor,
         mi.TensorXf(np.maximum(np.concatenate([v.image for v in views], 1), 0)),
         mi.TensorXf((mask / mask.sum()).astype(np.float32)),
-        mi.TensorXb(np.concatenate([v.saturated for v in views], 1)),
+        mi.TensorXb(  # type: ignore[operator]  # a class, which Mitsuba's stubs do not know
+            np.concatenate([v.saturated for v in views], 1)
+        ),
     )
 
 

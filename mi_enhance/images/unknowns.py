@@ -87,12 +87,18 @@ def enhanced(scene: mi.Scene, names: Sequence[str] | None = None) -> list[Unknow
     wrong = sorted(set(names or ()) - known)
     if wrong:
         raise ValueError(f'fit_images(): no material has a parameter "{wrong[0]}". Choose from: {", ".join(known)}.')
-    return [
-        Unknown(one.keys[p.name], p)
+    sought = {
+        one.keys[p.name]: Unknown(one.keys[p.name], p)  # by key: two parameters may have one texture
         for one in found.values()
         for p in one.material.brdf.parameters
         if p.name in one.keys and not p.fixed and (p.name in names if names else p.name not in HELD)
-    ]
+    }
+    if not sought:
+        raise ValueError(
+            f"fit_images(): {', '.join(names or known)}: none can be moved, each is a texture without numbers of its "
+            "own. Give a number, a colour or a bitmap."
+        )
+    return list(sought.values())
 
 
 def of_plugin(prefix: str, ranges: Mapping[str, tuple[float, float]], log: Sequence[str] = ()) -> list[Unknown]:

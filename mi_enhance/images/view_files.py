@@ -23,7 +23,7 @@ from .photograph import Photograph, read_photograph, turned
 from .pose_file import FILE, pose_files, read_poses, split
 from .views import View
 
-_SUFFIXES = (".exr", ".png", ".jpg", ".jpeg", ".hdr", ".pfm")
+_SUFFIXES = (".exr", ".png", ".jpg", ".jpeg")
 _WHOLE = 0.99  # alpha from which a pixel shows nothing but the object: what is behind it is not known
 _MASK = 0.2  # linear, half of the 8-bit range: mask files are drawn, not measured
 

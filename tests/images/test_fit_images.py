@@ -75,7 +75,7 @@ def test_wrong_calls_are_refused_before_anything_is_rendered(paint):
         "unknowns is empty": lambda: fit_images(scene, paint, unknowns=[]),
         'has split "train"': lambda: fit_images(scene, paint[-1:]),
         "two views have the same name": lambda: fit_images(scene, paint + paint),
-        "must be positive integers": lambda: fit_images(scene, paint, stages=[(1, 0, 5)]),
+        "must be a positive integer": lambda: fit_images(scene, paint, stages=[(1, 0, 5)]),
         "stages is empty": lambda: fit_images(scene, paint, stages=[]),
         "lr = -1": lambda: fit_images(scene, paint, lr=-1),
         "max_depth is 1": lambda: fit_images(scene, paint, max_depth=1),
@@ -158,7 +158,7 @@ def test_views_of_several_sizes_are_rendered_in_groups(paint):
 def test_fit_explains_views_it_has_not_seen(paint, tmp_path):
     scene = ball(Material.analytic("ggx").bsdf())
     losses = []
-    found = fit_images(scene, paint, callback=lambda *a: losses.append(a[2]), preview=tmp_path, **SHORT)
+    found = fit_images(scene, paint, progress=lambda p: losses.append(p.values["loss"]), preview=tmp_path, **SHORT)
     report = found.report
     assert report["mean_abs_log"]["test"] < NOISE and report["mean_abs_log"]["train"] < NOISE
     assert report["nonfinite_gradients"] == report["nonfinite_pixels"] == 0 and report["n_unknowns"] == 10
@@ -321,3 +321,75 @@ def test_command_line_says_what_is_missing(llvm, tmp_path, capsys):
     assert main(["fit-images", str(tmp_path / "scene.xml"), str(tmp_path), *arguments]) == 2
     assert 'no BSDF of type "enhanced"' in capsys.readouterr().err
     assert not (tmp_path / "x.bsdf").exists()
+
+
+# ---------------------------------------------------------------------- what photographs do not see
+
+
+def test_photographs_that_see_nothing_are_refused_before_the_fit(paint):
+    scene = ball(Material.analytic("ggx").bsdf())
+    turn = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's camera
+    away = [dataclasses.replace(v, to_world=v.to_world @ turn) for v in paint]
+    with pytest.raises(ValueError, match="do not see ball.bsdf. Likely causes.*OpenCV"):
+        fit_images(scene, away, **SHORT)
+    inside = mi.load_dict(
+        {
+            "type": "scene",
+            "light": {"type": "constant"},
+            "ball": {
+                "type": "sphere",
+                "center": [0, 1, 0],
+                "flip_normals": True,
+                "bsdf": Material.analytic("ggx").bsdf(),
+            },
+        }
+    )
+    with pytest.raises(ValueError, match="normals that point inwards"):
+        fit_images(inside, paint, **SHORT)
+
+
+def test_single_views_and_materials_that_nothing_sees_are_told(paint):
+    away = dataclasses.replace(paint[0], name="away", to_world=paint[0].to_world @ np.diag([1.0, -1.0, -1.0, 1.0]))
+    short = {"stages": [(1, 4, 2)], "max_depth": 2}
+    scene = ball(Material.analytic("ggx").edit(rho_s=0.0).bsdf())
+    with pytest.warns(UserWarning, match="1 of 3 views see nothing of what is sought: away"):
+        found = fit_images(scene, [*paint[:2], away], unknowns=["rho_d", "alpha_x"], **short)
+    # without a specular part its roughness shows nowhere
+    assert found.report["undetermined"] == ["ball.bsdf.alpha_x"]
+    assert found.materials["ball.bsdf"].report["undetermined"] == ["alpha_x"]
+    material, other = Material.analytic("ggx").to_dict(), Material.analytic("ggx").edit(F0=0.05).to_dict()
+    far = {"type": "sphere", "center": [0, 500, 0], "bsdf": {**other, "id": "far"}}
+    near = {"type": "sphere", "center": [0, 1, 0], "bsdf": {**material, "id": "near"}}
+    scene = mi.load_dict({"type": "scene", "light": {"type": "constant"}, "a": far, "b": near})
+    names = ["rho_d.R", "rho_d.G", "rho_d.B"]
+    with pytest.warns(UserWarning, match='no view sees "far"'):
+        found = fit_images(scene, paint, unknowns=["rho_d"], **short)
+    assert len(found.report["undetermined"]) == 1 and found.materials["far"].report["undetermined"] == names
+
+
+@pytest.mark.slow
+def test_textures_that_cannot_be_moved_stay(paint, tmp_path):
+    """One roughness map for both directions is one unknown; what has no numbers of its own stays, or is told."""
+    mi.Bitmap(np.full((4, 4, 1), 0.3, np.float32)).write(str(tmp_path / "rough.exr"))
+    rough = {"type": "bitmap", "filename": str(tmp_path / "rough.exr"), "raw": True}
+    short = {"stages": [(1, 2, 1)], "max_depth": 2}
+    grey = {"type": "spectrum", "value": 0.3}
+    for textures in ({"alpha_x": rough, "alpha_y": dict(rough)}, {"rho_d": {"type": "checkerboard"}}, {"rho_d": grey}):
+        scene = ball({**Material.analytic("ggx").to_dict(), **textures})
+        found = fit_images(scene, paint, **short)
+        assert sum(key.endswith(".data") for key in found.values) == ("alpha_x" in textures)
+        assert {"ball.bsdf.F0", "ball.bsdf.t_theta"} <= set(found.values)
+
+
+def test_a_texture_that_cannot_be_moved_is_told(paint):
+    scene = ball({**Material.analytic("ggx").to_dict(), "rho_d": {"type": "checkerboard"}})
+    assert "ball.bsdf.F0" in [u.key for u in unknowns.enhanced(scene)]
+    with pytest.raises(ValueError, match="rho_d: none can be moved"):
+        fit_images(scene, paint, unknowns=["rho_d"], **SHORT)
+
+
+def test_integers_of_numpy_are_integers(paint):
+    stages = [tuple(np.array([2, 2, 1]))]
+    scene = ball(Material.analytic("ggx").bsdf())
+    found = fit_images(scene, paint, unknowns=["rho_d"], stages=stages, max_depth=np.int64(2))
+    json.dumps(found.report)

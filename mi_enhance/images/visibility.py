@@ -1,0 +1,101 @@
+"""What photographs see of the unknowns of a fit: which of their pixels change when these do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from . import targets as targets_module
+from .descent import Descent
+from .scene_materials import SceneMaterial
+from .targets import Target
+from .unknowns import Unknown
+
+# Renders with random numbers of their own whose mean is compared: 64 paths a pixel, so that one that meets the object
+# by chance, in a picture that does not show it, is a percent at most.
+_RENDERS, _SPP = 4, 16
+_SEEN = 0.02  # least change of a pixel, of its logarithm: less is a path by chance
+_CAUSES = (
+    "Likely causes: poses in another convention (OpenCV and COLMAP look along +z; needed is OpenGL's, along -z with +y "
+    "up), poses in another world than the scene (applied_transform of nerfstudio, other units), normals that point "
+    "inwards, a mask that leaves the object out, or parameters without effect (a roughness where rho_s is 0)."
+)
+
+
+def warnings_of(
+    descent: Descent, placed: Mapping[str, SceneMaterial], targets: Sequence[Target], seed: int
+) -> list[str]:
+    """Check that photographs see what is sought.
+
+    Parameters
+    ----------
+    descent : Descent
+        At its start.
+    placed : dict of str to SceneMaterial
+    targets : sequence of Target
+        Of the views to fit, small.
+    seed : int
+
+    Returns
+    -------
+    list of str
+        A sentence for views that see nothing, and one for each material that no view sees.
+
+    Raises
+    ------
+    ValueError
+        If no pixel of any view depends on any unknown.
+    """
+    groups = {name: [u for u in descent.unknowns if u.key in one.keys.values()] for name, one in placed.items()}
+    known = {u.key for group in groups.values() for u in group}
+    groups["the other unknowns"] = [u for u in descent.unknowns if u.key not in known]
+    changes = {name: changes_of(descent, group, targets, seed) for name, group in groups.items() if group}
+    views = [view.name for target in targets for view in target.views]
+    sees = np.max(list(changes.values()), axis=0) > _SEEN
+    if not sees.any():
+        raise ValueError(
+            f"fit_images(): no pixel that counts in any of {len(views)} views changes when the unknowns do: the "
+            f"photographs do not see {' and '.join(changes)}. {_CAUSES}"
+        )
+    blind = [name for name, seen in zip(views, sees, strict=True) if not seen]
+    result = [
+        f'fit_images(): no view sees "{name}", whose parameters stay undetermined.'
+        for name, change in changes.items()
+        if not (change > _SEEN).any()
+    ]
+    if blind:
+        some = f"{', '.join(blind[:5])}{', ...' if len(blind) > 5 else ''}"
+        result.append(
+            f"fit_images(): {len(blind)} of {len(views)} views see nothing of what is sought: {some}. {_CAUSES}"
+        )
+    return result
+
+
+def undetermined(descent: Descent, targets: Sequence[Target], seed: int) -> list[str]:
+    """Return the keys of unknowns that may change by half of their range without a pixel that shows it."""
+    return [u.key for u in descent.unknowns if not (changes_of(descent, [u], targets, seed) > _SEEN).any()]
+
+
+def changes_of(descent: Descent, unknowns: Sequence[Unknown], targets: Sequence[Target], seed: int) -> np.ndarray:
+    """Return for each view the largest change of a pixel's logarithm when unknowns go half of the way to a bound."""
+    values = descent.values()
+    moved = {u.key: _moved(u, values[u.key]) for u in unknowns}
+    result = []
+    for target in targets:
+        before, after = (
+            np.mean([descent.render(target, _SPP, seed + k, instead=v) for k in range(_RENDERS)], axis=0)
+            for v in ({}, moved)
+        )
+        scale = descent.measure.scale
+        with np.errstate(invalid="ignore"):  # infinite in both renders: no change that could be seen
+            change = np.abs(np.log1p(np.maximum(after, 0) / scale) - np.log1p(np.maximum(before, 0) / scale))
+        change = np.where((np.array(target.weight) > 0) & np.isfinite(change), change, 0)
+        result += [float(part.max()) for part in targets_module.split(change, target)]
+    return np.array(result)
+
+
+def _moved(u: Unknown, value: np.ndarray) -> np.ndarray:
+    low, high = u.space.bounds
+    free = u.space.to_free(value)
+    return u.space.to_physical(free + np.where(free < (low + high) / 2, 0.5, -0.5) * (high - low))
