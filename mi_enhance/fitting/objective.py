@@ -39,7 +39,7 @@ class Objective:
         Network evaluators; :func:`mi_enhance.neural.trainable.fused` by default.
     """
 
-    def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Mapping | None = None):
+    def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Mapping | trainable.Trainable | None = None):
         self.brdf, self.n, self.wi, self.wo = brdf, n, wi, wo
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)

@@ -17,7 +17,6 @@ from mi_enhance.neural import baked, cooperative, mlp
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.neural.simplify import simplify
 from mi_enhance.neural.trainable import Trainable
-from mi_enhance.system.garbage_collection import no_collection
 
 N = 500
 FRAME = {"n_x": 0, "n_y": 0, "t_theta": 0}
