@@ -7,10 +7,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..images.own_files import OwnFiles
 from ..system.bundled_files import DEFAULT_NETWORK
 from . import arguments
-from .bridge import call
 from .outputs import made, output_file, output_folder
 from .progress_bar import progress_bar
 from .scene_file import load_scene
@@ -46,6 +44,8 @@ def add(subparsers: arguments.Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> dict:
+    from ..images.own_files import OwnFiles
+
     model = arguments.model_path(args.model)
     inputs = [args.scene, args.views, model]
     output = output_file(args.output, (".bsdf",), inputs)
@@ -64,8 +64,7 @@ def run(args: argparse.Namespace) -> dict:
         output_file(path, (".bsdf",), inputs)
     views = read_views(args.views)
     with progress_bar(f"fit {len(views)} views", quiet=args.json) as progress:
-        found = call(
-            fit_images.fit_images,
+        found = fit_images.fit_images(
             scene,
             views,
             unknowns=args.unknown,
