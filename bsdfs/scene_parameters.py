@@ -113,7 +113,8 @@ class SceneParameters:
             value = parameters.check([p], {p.name: numbers}, where)[p.name]
         elif p.name in self.textures:
             return
-        self.values[p.name] = mi.Color3f(value) if p.is_colour else mi.Float(value)
+        # Lists are copied: in memory of NumPy's own, aligned by chance, values would have kernels of their own.
+        self.values[p.name] = mi.Color3f(value.tolist()) if p.is_colour else mi.Float(value.tolist())
 
     def check_uniform(self, where: str) -> None:
         """Raise where the table of one material would have to bound the energy of all that a texture makes of it."""

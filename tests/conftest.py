@@ -41,6 +41,15 @@ def cuda():
 
 
 @pytest.fixture
+def no_collection():
+    """Keep what earlier tests have left from being freed while Dr.Jit records a frozen function, which would abort."""
+    from mi_enhance.system import garbage_collection
+
+    with garbage_collection.no_collection():
+        yield
+
+
+@pytest.fixture
 def run_child():
     """Return a function that runs Python code in a fresh process without our LLVM setting."""
 

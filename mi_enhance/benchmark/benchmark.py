@@ -6,24 +6,34 @@ ratios to plain GGX of this package: a plugin in Python like ours, without netwo
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from .. import data
+from ..data.loading import load
+from ..data.measurements import Measurements
 from ..evaluation import scenes
 from ..evaluation.compare import compare
 from ..evaluation.reflectance import reflectance
+from ..evaluation.truth import rgl_file
 from ..fitting.losses import log_l1
+from ..material.material import Material
+from ..neural.mlp import flatten
 from ..output.table import write_table
-from ..system.files import material_name, replacing, require_file
+from ..system.cache import cached
+from ..system.files import digest, material_name, replacing
+from ..system.progress import Callback, Progress, silent
+from ..system.run_folder import keep_settings
 from . import timing
 from .contenders import REFERENCE, Contender, contenders, textured
-from .growth import GROWTH_COLUMNS, _growth
+from .growth import GROWTH_COLUMNS, growth
 from .jobs import LANES, MANY, frame, kernel, many, sphere
+from .page import draw_pareto, write_page
 from .processes import Workers, first_frames
 
 _UNSEEN = 50_000  # pairs that errors are measured on
@@ -52,6 +62,30 @@ COLUMNS = {
 }
 
 
+@dataclasses.dataclass(frozen=True)
+class BenchReport:
+    """Result of a benchmark.
+
+    Parameters
+    ----------
+    machine : dict
+        The processor and the versions that decide the figures.
+    materials : list of str
+    rows : list of dict
+        One for each model, with the keys of `COLUMNS`.
+    growth : list of dict
+        Milliseconds of a frame as image, depth and materials grow, with the keys of `GROWTH_COLUMNS`.
+    files : dict of str to str
+        The files written, by suffix.
+    """
+
+    machine: dict[str, Any]
+    materials: list[str]
+    rows: list[dict]
+    growth: list[dict]
+    files: dict[str, str]
+
+
 def bench(
     paths: Sequence[str | Path],
     folder: str | Path,
@@ -59,10 +93,11 @@ def bench(
     resolution: int = 256,
     spp: int = 64,
     rounds: int = 5,
-    samples: int = 100_000,
+    n_samples: int = 100_000,
     seed: int = 0,
-    log: Callable = lambda _: None,
-) -> dict:
+    model: Material | None = None,
+    progress: Callback = silent,
+) -> BenchReport:
     """Measure error against run time of every model on measured materials.
 
     Parameters
@@ -75,89 +110,107 @@ def bench(
     resolution, spp : int
         Of all renders.
     rounds : int
-        Interleaved runs, of which medians count.
-    samples : int
+        Interleaved runs; their medians count.
+    n_samples : int
         Pairs of directions that every model is fitted to; errors are measured on others.
     seed : int
-    log : callable, optional
-        Called with one line of text before each step.
+    model : Material, optional
+        The enhanced model in the place of the shipped default, exact and specialized.
+    progress : callable
+        Hears of every step before it begins, see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
-    dict
-        ``machine``, ``rows`` (one for each model, keys of `COLUMNS`), ``growth`` (how seconds grow), ``files``.
+    BenchReport
 
     Raises
     ------
     ValueError
-        If no file is given, two materials have one name, or `folder` holds a run with other settings.
+        If no file is given, one is no RGL file, two materials have one name, `model` has no networks, or `folder` holds
+        a run with other settings.
 
     Examples
     --------
-    >>> bench(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], "out/bench")["rows"]  # doctest: +SKIP
+    >>> bench(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], "out/bench").rows  # doctest: +SKIP
     """
     names = [material_name(path) for path in paths]
     if not names or len(set(names)) < len(names):
         raise ValueError(f"bench(): materials {names} must be at least one and all different. Rename a file.")
-    paths = [require_file(path, f'bench("{path}")') for path in paths]
+    files = [rgl_file(path, "bench()") for path in paths]
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    _same_settings(folder / "settings.json", {"samples": samples, "seed": seed})
+    settings: dict[str, Any] = {"samples": n_samples, "seed": seed}
+    if model:
+        if not model.brdf.modules:
+            raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
+        # of the default nothing is noted: so earlier runs go on
+        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.modules), model.as_vector())
+    keep_settings(folder / "settings.json", settings, "bench()")
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
-    fitted, errors = [], []
-    for name, path in zip(names, paths, strict=True):
-        measured = data.load(path, n_samples=samples, seed=seed, kind="rgl")
-        fitted.append(contenders(path, measured, folder / name, seed=seed, log=log))
-        unseen = data.load(path, n_samples=_UNSEEN, seed=seed + 1, kind="rgl")
-        errors.append(_errors(fitted[-1], unseen, folder / name, resolution, spp, seed, log))
+    fitted: list[dict[str, Contender]] = []
+    errors: list[dict[str, dict]] = []
+    for name, path in zip(names, files, strict=True):
+        measured = load(path, n_samples=n_samples, seed=seed, kind="rgl")
+        fitted.append(contenders(path, measured, folder / name, model=model, seed=seed, progress=progress))
+        unseen = load(path, n_samples=_UNSEEN, seed=seed + 1, kind="rgl")
+        errors.append(_errors(fitted[-1], unseen, folder / name, resolution, spp, seed, progress))
     rows = [_row(label, [f[label] for f in fitted], [e[label] for e in errors]) for label in fitted[0]]
     by_label = {row["label"]: row for row in rows}
     size = {"resolution": resolution, "spp": spp}
     with Workers(fitted[0]) as workers:
-        log("run time: one kernel")
+        progress(Progress("run time: one kernel", 0, 6))
         _add_kernels(by_label, workers, fitted[0], rounds)
-        for kind, load, given in _scenes(fitted):
-            log(f"run time: {kind}")
-            _add_rates(by_label, workers, kind, load, given, size, rounds)
-        log("run time: what grows")
-        growth = _growth(fitted, workers, resolution, rounds)
-    log("first frames")
+        for k, (kind, make, given) in enumerate(_scenes(fitted)):
+            progress(Progress(f"run time: {kind}", 1 + k, 6))
+            _add_rates(by_label, workers, kind, make, given, size, rounds)
+        progress(Progress("run time: growth", 4, 6))
+        growing = growth(fitted, workers, resolution, rounds)
+    progress(Progress("first frames", 5, 6))
     for label, c in fitted[0].items():
         by_label[label] |= first_frames((frame, scenes.shader_ball, c), resolution=128, spp=1)
-    return _write(folder, about, names, rows, growth)
-
-
-def _same_settings(file: Path, settings: dict) -> None:
-    if file.exists() and json.loads(file.read_text()) != settings:
-        raise ValueError(f'bench(): "{file}" is of a run with other settings. Choose another folder, or remove it.')
-    with replacing(file) as temporary:
-        Path(temporary).write_text(json.dumps(settings) + "\n")
+    return _write(folder, about, names, rows, growing)
 
 
 # ---------------------------------------------------------------------- errors
 
 
-def _errors(fitted: Mapping[str, Contender], unseen, folder: Path, resolution, spp, seed, log) -> dict[str, dict]:
-    """Errors of every model on unseen samples and in a render, by label; from `folder` if an earlier run has them."""
-    file = folder / f"errors_{resolution}_{spp}.json"
-    if not file.exists():
+def _errors(
+    fitted: Mapping[str, Contender],
+    unseen: Measurements,
+    folder: Path,
+    resolution: int,
+    spp: int,
+    seed: int,
+    progress: Callback,
+) -> dict[str, dict]:
+    """Return the errors of every model on unseen samples and in a render, by label; `folder` keeps them."""
+
+    def compute() -> dict[str, dict]:
         bsdfs = {label: c.bsdf() for label, c in fitted.items()}
         truth = bsdfs.pop("measured")
         rows = compare(
-            truth, bsdfs, folder=folder, resolution=resolution, spp=spp, seed=seed, title=unseen.name, log=log
+            truth, bsdfs, folder, resolution=resolution, spp=spp, seed=seed, title=unseen.name, progress=progress
         )
         keys = ("ssim", "delta_E_ITP_1000", "mean_abs_log")
         result = {row["label"]: {k: row[k] for k in keys} for row in rows}
         for label, bsdf in {**bsdfs, "measured": truth}.items():
             f = np.maximum(reflectance(bsdf, unseen.wi, unseen.wo), 0)  # files hold negative values
             result[label]["log_l1"] = log_l1(f, unseen.f, unseen.wo[:, 2])
-        with replacing(file) as temporary:
-            Path(temporary).write_text(json.dumps(result, indent=1))
-    return json.loads(file.read_text())
+        return result
+
+    return cached(
+        folder / f"errors_{resolution}_{spp}.json",
+        compute,
+        lambda path: json.loads(path.read_text()),
+        _write_json,
+    )
+
+
+def _write_json(path: Path, content: Any) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n")
 
 
 def _row(label: str, fitted: list[Contender], errors: list[dict]) -> dict:
-    row = {"label": label}
+    row: dict[str, Any] = {"label": label}
     row |= {key: float(np.mean([e[key] for e in errors])) for key in errors[0] if errors[0][key] is not None}
     return row | {
         "n_bytes": round(np.mean([c.n_bytes for c in fitted])),
@@ -179,16 +232,24 @@ def _add_kernels(rows: Mapping[str, dict], workers: Workers, fitted: Mapping[str
             row["gflops"] = 2 * row["multiply_adds"] / ns
 
 
-def _scenes(fitted: Sequence[Mapping[str, Contender]]):
-    """The three scenes: name, function that loads it, and what it takes, for every model it can be rendered with."""
+def _scenes(fitted: Sequence[Mapping[str, Contender]]) -> Iterator[tuple[str, Callable, Mapping[str, Any]]]:
+    """Yield the three scenes: name, function that loads it, and its arguments for every model that it can show."""
     first = fitted[0]
     yield "ball", scenes.shader_ball, first
     yield "many", scenes.spheres, {label: many(fitted, label, MANY) for label in first}
     yield "textured", sphere, {label: textured(c) for label, c in first.items() if c.can_be_textured}
 
 
-def _add_rates(rows, workers: Workers, kind: str, load: Callable, given: Mapping, size: dict, rounds: int) -> None:
-    jobs = {label: (frame, load, what) for label, what in given.items()}
+def _add_rates(
+    rows: Mapping[str, dict],
+    workers: Workers,
+    kind: str,
+    make: Callable,
+    given: Mapping[str, Any],
+    size: dict,
+    rounds: int,
+) -> None:
+    jobs = {label: (frame, make, what) for label, what in given.items()}
     seconds = workers.seconds(jobs, rounds, **size)
     # a stratified sampler may round spp up: what was traced is counted
     sampler = mi.load_dict({"type": _SAMPLER.get(kind, "independent"), "sample_count": size["spp"]})
@@ -201,17 +262,17 @@ def _add_rates(rows, workers: Workers, kind: str, load: Callable, given: Mapping
 # ---------------------------------------------------------------------- results
 
 
-def _write(folder: Path, about: dict, names: list[str], rows: list[dict], growth: list[dict]) -> dict:
-    from .page import draw_pareto, write_page
-
+def _write(folder: Path, about: dict, names: list[str], rows: list[dict], growing: list[dict]) -> BenchReport:
     reference = next(row["log_l1"] for row in rows if row["label"] == REFERENCE)
     for row in rows:
         row["error_ratio"] = row["log_l1"] / reference
     files = {kind: str(path) for kind, path in write_table(rows, folder / "bench", COLUMNS).items()}
-    write_table(growth, folder / "growth", GROWTH_COLUMNS)
+    write_table(growing, folder / "growth", GROWTH_COLUMNS)
     draw_pareto(rows, folder / "pareto.png", title=f"{', '.join(names)}; {about['cpu']}, {about['cores']} cores")
-    result = {"machine": about, "materials": names, "rows": rows, "growth": growth}
+    result = {"machine": about, "materials": names, "rows": rows, "growth": growing}
     with replacing(Path(files["json"])) as temporary:
-        Path(temporary).write_text(json.dumps(result, indent=1) + "\n")
-    write_page(result, folder / "index.html", COLUMNS, GROWTH_COLUMNS)
-    return {**result, "files": {**files, "png": str(folder / "pareto.png"), "html": str(folder / "index.html")}}
+        _write_json(Path(temporary), result)
+    files |= {"png": str(folder / "pareto.png"), "html": str(folder / "index.html")}
+    report = BenchReport(about, names, rows, growing, files)
+    write_page(report, folder / "index.html", COLUMNS, GROWTH_COLUMNS)
+    return report

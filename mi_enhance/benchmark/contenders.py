@@ -1,4 +1,4 @@
-"""What error against run time is measured of: every model of one measured material, fitted and ready to render.
+"""The models of a benchmark: every one fitted to one measured material and ready to render.
 
 Fits are kept as files, so an interrupted benchmark goes on where it was. Everything here can be sent to another
 process: the first frame of a fresh one is measured, too.
@@ -6,6 +6,7 @@ process: the first frame of a fresh one is measured, too.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,9 @@ from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..material.material import Material
 from ..specialization.specialize import SIZES, specialize
-from ..system.files import replacing
+from ..system.bundled_files import DEFAULT_NETWORK
+from ..system.cache import cached
+from ..system.progress import Callback, Progress, silent
 from . import mitsuba_bsdfs, nbrdf, residual_network
 
 REFERENCE = "GGX in Python"
@@ -44,7 +47,13 @@ class Contender(NamedTuple):
 
 
 def contenders(
-    path: Path, measurements: Measurements, folder: Path, *, seed: int = 0, log: Callable = lambda _: None
+    path: Path,
+    measurements: Measurements,
+    folder: Path,
+    *,
+    model: Material | None = None,
+    seed: int = 0,
+    progress: Callback = silent,
 ) -> dict[str, Contender]:
     """Fit every model to one measured material, or take what an earlier call has left.
 
@@ -53,12 +62,14 @@ def contenders(
     path : Path
         RGL ``.bsdf``, which Mitsuba's ``measured`` renders.
     measurements : Measurements
-        Samples of it: what is fitted to.
+        Samples of it, which the models are fitted to.
     folder : Path
         Keeps the fits.
+    model : Material, optional
+        The enhanced model in the place of the shipped default.
     seed : int
-    log : callable, optional
-        Called with one line of text before each fit.
+    progress : callable
+        Hears of every fit before it begins, see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
@@ -70,27 +81,29 @@ def contenders(
     >>> contenders(path, measurements, Path("out/bench"))  # doctest: +SKIP
     """
 
-    def kept(name: str, suffix: str, write: Callable) -> Path:
-        """The file of a fit; `write` makes it where no earlier call has."""
+    n_done = 0
+
+    def kept(name: str, suffix: str, write: Callable[[Path], None]) -> Path:
+        """Return the file of a fit; `write` makes it where no earlier call has."""
+        nonlocal n_done
+        n_done += 1
         file = folder / f"{name}.{suffix}"
-        if not file.exists():
-            log(f"{measurements.name}: {name}")
-            with replacing(file) as temporary:
-                write(Path(temporary))
+        begin = functools.partial(progress, Progress(f"{measurements.name}: {name}", n_done))
+        cached(file, begin, lambda _: None, lambda path, _: write(path))
         return file
 
-    def ours(name: str, compute: Callable) -> Path:
+    def ours(name: str, compute: Callable[[], Material]) -> Path:
         return kept(name, "bsdf", lambda path: compute().save(path))
 
-    folder.mkdir(parents=True, exist_ok=True)
     ggx = ours("ggx_analytic", lambda: fit(Material.analytic("ggx"), measurements, seed=seed))
     lobe = Material.load(ggx)
-    exact = ours("ggx2", lambda: fit(Material.pretrained(), measurements, seed=seed))
+    name = "model" if model else DEFAULT_NETWORK
+    exact = ours(name, lambda: fit(model or Material.pretrained(), measurements, seed=seed))
     m = Material.load(exact)
     result = {REFERENCE: _ours(ggx)}
     for plugin in mitsuba_bsdfs.MITSUBA:
         result[plugin] = _mitsuba(
-            plugin, kept(plugin, "json", lambda path, p=plugin: _fit_mitsuba(path, p, measurements, seed))
+            plugin, kept(plugin, "json", functools.partial(_fit_mitsuba, plugin, measurements, seed))
         )
     result |= {
         EXACT: _ours(exact),
@@ -98,10 +111,10 @@ def contenders(
         "specialized, max error 0.001": _ours(ours("specialized", lambda: specialize(m, seed=seed))),
     }
     for size in SIZES:
-        file = ours(f"specialized_{size}", lambda size=size: specialize(m, measurements, size=size, seed=seed))
+        file = ours(f"specialized_{size}", functools.partial(specialize, m, measurements, size=size, seed=seed))
         result[f"specialized on the file, {size}-{size}"] = _ours(file)
     for label, network in _NETWORKS.items():
-        file = ours(network, lambda n=network: fit(Material.pretrained(n), measurements, seed=seed))
+        file = ours(network, functools.partial(fit, Material.pretrained(network), measurements, seed=seed))
         result[label] = _ours(file)
     result[f"{_PAPER}, cooperative"] = _ours(file, evaluators="cooperative")
     result["NBRDF"] = _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), ggx)
@@ -165,7 +178,7 @@ def _layers(file: str) -> list:
 
 def _ours(file: Path, *, evaluators: str | None = None) -> Contender:
     m = Material.load(file)
-    report, brdf = m.report, m.brdf
+    brdf = m.brdf
     own = sum(4 * c.n_weights for c in brdf.distilled)
     return Contender(
         _load,
@@ -173,12 +186,12 @@ def _ours(file: Path, *, evaluators: str | None = None) -> Contender:
         m.n_bytes + own,
         0 if brdf.distilled else 4 * brdf.n_weights,
         brdf.multiply_adds,
-        report["seconds"] + report.get("specialize_seconds", 0),
+        m.report["seconds"] + m.report.get("specialize_seconds", 0),
         not brdf.distilled,
     )
 
 
-def _fit_mitsuba(path: Path, plugin: str, measurements: Measurements, seed: int) -> None:
+def _fit_mitsuba(plugin: str, measurements: Measurements, seed: int, path: Path) -> None:
     spec, seconds = mitsuba_bsdfs.fit_mitsuba(plugin, measurements, seed=seed)
     path.write_text(json.dumps({"spec": spec, "seconds": seconds}, indent=1))
 

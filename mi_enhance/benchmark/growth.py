@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from ..evaluation import scenes
 from .contenders import EXACT, REFERENCE, Contender
@@ -21,11 +22,11 @@ GROWTH_COLUMNS = {
 }
 
 
-def _growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolution: int, rounds: int) -> list[dict]:
-    """Milliseconds of a frame as image, depth and number of materials grow."""
-    rows = []
+def growth(fitted: Sequence[Mapping[str, Contender]], workers: Workers, resolution: int, rounds: int) -> list[dict]:
+    """Return the milliseconds of a frame as image, depth and number of materials grow."""
+    rows: list[dict] = []
 
-    def add(what: str, value: int, seconds: Mapping[str, float]) -> None:
+    def add(what: str, value: int, seconds: Mapping[str, Any]) -> None:
         exact, fast = (seconds[REFERENCE] / seconds[label] for label in _GROWING[1:])
         ms = {label: 1e3 * s for label, s in seconds.items()}
         rows.append({"what": what, "value": value, **ms, "ratio": exact, "ratio_fast": fast})

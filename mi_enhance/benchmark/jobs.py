@@ -1,8 +1,9 @@
-"""What is timed: kernels and frames."""
+"""The jobs that are timed: kernels and frames."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -10,35 +11,35 @@ import numpy as np
 
 from ..data.directions import sample_pairs
 from ..evaluation import scenes
+from ..numerics.arrays import vector3f
 from .contenders import Contender, edited
 
 LANES = 1 << 20  # of the kernel that evaluates a BSDF alone
-
-
 MANY = 20  # materials in the scene of many
 
 
 def kernel(contender: Contender) -> Callable:
     """A job that evaluates a BSDF for 2^20 pairs of directions in one kernel, through pointers as a renderer does."""
     bsdf = contender.bsdf()
-    wi, wo = (mi.Vector3f(w.T) for w in sample_pairs(LANES, seed=0))
+    wi, wo = (vector3f(w) for w in sample_pairs(LANES, seed=0))
     context = mi.BSDFContext()
-    # One of the pointers is to another BSDF: a single instance would be called without any dispatch, which no
-    # renderer does.
+    mitsuba: Any = mi  # its stubs do not type BSDFPtr and Mask
+    # One of the pointers is to another BSDF: a single instance would be called without the dispatch that a scene has.
     other = mi.load_dict({"type": "diffuse"})
-    pointers = dr.select(dr.arange(mi.UInt32, LANES) < LANES - 1, mi.BSDFPtr(bsdf), mi.BSDFPtr(other))
+    is_first = dr.arange(mi.UInt32, LANES) < LANES - 1
+    pointers: Any = dr.select(is_first, mitsuba.BSDFPtr(bsdf), mitsuba.BSDFPtr(other))
     dr.eval(wi, wo, pointers)
 
-    def job(keep=(bsdf, other)):  # pointers do not own what they point to
+    def job(keep: object = (bsdf, other)) -> None:  # pointers do not own what they point to
         si = dr.zeros(mi.SurfaceInteraction3f, LANES)
         si.wi = wi
-        dr.eval(pointers.eval(context, si, wo, mi.Mask(True)))
+        dr.eval(pointers.eval(context, si, wo, mitsuba.Mask(True)))
         dr.sync_thread()
 
     return job
 
 
-def frame(load: Callable, *args, frozen: bool = False, **kwargs) -> Callable:
+def frame(load: Callable, *args: Any, frozen: bool = False, **kwargs: Any) -> Callable:
     """A job that renders a frame of the scene that `load` gives; `args` are contenders, one or a list.
 
     A list is repeated to `MANY`: as many spheres stand in the picture however many materials there are. With `frozen`
@@ -53,7 +54,7 @@ def frame(load: Callable, *args, frozen: bool = False, **kwargs) -> Callable:
     return lambda: np.array(render(loaded))  # the copy waits for the kernels
 
 
-def sphere(bsdf: mi.BSDF, **size) -> mi.Scene:
+def sphere(bsdf: mi.BSDF, **size: int) -> mi.Scene:
     """The small scene, for what grows."""
     return scenes.load("sphere_envmap", bsdf, **size)
 

@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..data.measurements import Measurements
+from ..numerics.arrays import vector3f
 
 # Parameters and their bounds. A parameter that is 0 when the plugin is made is left out for good: starts are inside.
 MITSUBA = {
@@ -27,8 +28,6 @@ MITSUBA = {
 
 
 _MITSUBA_SAMPLES = 4096
-
-
 _ROUGH = (0.1, 0.3, 0.6)  # roughness of the starts
 
 
@@ -55,14 +54,14 @@ def fit_mitsuba(plugin: str, measurements: Measurements, *, seed: int = 0) -> tu
     bounds = MITSUBA[plugin]
     low, high = (np.concatenate([np.full(n, b[k], float) for *b, n in bounds.values()]) for k in (0, 1))
     index = np.random.default_rng(seed).permutation(len(measurements.f))[:_MITSUBA_SAMPLES]
-    wi, wo = (mi.Vector3f(np.ascontiguousarray(w[index].T)) for w in (measurements.wi, measurements.wo))
+    wi, wo = vector3f(measurements.wi[index]), vector3f(measurements.wo[index])
     truth = np.log1p(measurements.f[index] * measurements.wo[index, 2:])
     si = mi.SurfaceInteraction3f()
     si.wi = wi
     bsdf = mi.load_dict(_plugin(plugin, 0.5 * (low + high)))
     params = mi.traverse(bsdf)
 
-    def residuals(u):
+    def residuals(u: np.ndarray) -> np.ndarray:
         for key, value in _values(plugin, u).items():
             name = f"{key}.value" if f"{key}.value" in params else key
             params[name] = value if np.ndim(value) else float(value)
@@ -70,7 +69,7 @@ def fit_mitsuba(plugin: str, measurements: Measurements, *, seed: int = 0) -> tu
         value = np.array(bsdf.eval(mi.BSDFContext(), si, wo), np.float64).T  # with the cosine
         return (np.log1p(np.maximum(np.nan_to_num(value), 0)) - truth).ravel()
 
-    best = None
+    best: tuple[float, np.ndarray] | None = None
     for rough in _ROUGH:
         first = _values(plugin, 0.5 * (low + high))
         first["roughness" if "roughness" in first else "alpha"] = rough
@@ -79,8 +78,10 @@ def fit_mitsuba(plugin: str, measurements: Measurements, *, seed: int = 0) -> tu
         found = least_squares(
             residuals, u, bounds=(low, high), loss="soft_l1", f_scale=0.01, diff_step=1e-3, max_nfev=25
         )
-        error = np.abs(found.fun).mean()
-        best = min(best, (error, found.x), key=lambda t: t[0]) if best else (error, found.x)
+        error = float(np.abs(found.fun).mean())
+        if best is None or error < best[0]:
+            best = error, found.x
+    assert best is not None  # there is a start
     return _plugin(plugin, best[1]), time.perf_counter() - start
 
 

@@ -1,7 +1,6 @@
-"""Models that are not ours, made to fit the same measurements: NBRDF, a residual network, BSDFs of Mitsuba.
+"""NBRDF, for comparison: trained on the same measurements, and evaluated in Dr.Jit.
 
-Each comes with an evaluator in Dr.Jit, so that it renders through the same sampling as ours
-(:func:`mi_enhance.bsdfs.function.function_bsdf`).
+So it renders through the same sampling as our materials (:func:`mi_enhance.bsdfs.function.function_bsdf`).
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ import numpy as np
 from ..data.directions import half_difference
 from ..data.measurements import Measurements
 from ..neural import baked
-
-# ---------------------------------------------------------------------- NBRDF
+from ..numerics.schedules import cosine_decay
 
 _SHAPES = {"W1": (6, 21), "b1": (21,), "W2": (21, 21), "b2": (21,), "W3": (21, 3), "b3": (3,)}
 _BATCH = 512
@@ -63,8 +61,8 @@ def train_nbrdf(
 
     Examples
     --------
-    >>> from mi_enhance import data
-    >>> paint, _ = data.synthetic.ggx_anisotropic(3, n_samples=600, noise=0)
+    >>> from mi_enhance.data.synthetic import ggx_anisotropic
+    >>> paint, _ = ggx_anisotropic(3, n_samples=600, noise=0)
     >>> network, seconds = train_nbrdf(paint, epochs=1, min_steps=10)
     >>> network["W2"].shape
     (21, 21)
@@ -90,20 +88,20 @@ def train_nbrdf(
         # Kingma and Ba 2015, algorithm 1, with the corrections for the start in the rate
         mean += 0.1 * (gradient - mean)
         square += 0.001 * (gradient * gradient - square)
-        rate = learning_rate * 0.5 * (1 + np.cos(np.pi * step / steps))
+        rate = learning_rate * cosine_decay(step, steps, low=0)
         rate *= np.sqrt(1 - 0.999 ** (step + 1)) / (1 - 0.9 ** (step + 1))
         weights -= np.float32(rate) * mean / (np.sqrt(square) + 1e-8)
     return network, time.perf_counter() - start
 
 
 def nbrdf_features(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    """Inputs of an NBRDF, (N, 6) float32: half vector turned to phi_h = 0, difference vector of the light."""
+    """Return the inputs of an NBRDF, (N, 6) float32: half vector turned to phi_h = 0, difference vector."""
     theta_h, _, d = half_difference(wi, wo)
     return np.column_stack((np.sin(theta_h), np.zeros_like(theta_h), np.cos(theta_h), d)).astype(np.float32)
 
 
 def _views() -> tuple[np.ndarray, dict]:
-    """Zeros for all weights: one vector, which Adam moves, and the matrices as views of it."""
+    """Return zeros for all weights: one vector, which Adam moves, and the matrices as views of it."""
     flat = np.zeros(sum(int(np.prod(shape)) for shape in _SHAPES.values()), np.float32)
     views, start = {}, 0
     for name, shape in _SHAPES.items():
@@ -113,7 +111,7 @@ def _views() -> tuple[np.ndarray, dict]:
     return flat, views
 
 
-def _backward(w: dict, gradient: dict, x, cos, truth) -> None:
+def _backward(w: dict, gradient: dict, x: np.ndarray, cos: np.ndarray, truth: np.ndarray) -> None:
     """Write the gradient of a batch's mean loss."""
     a1 = np.maximum(x @ w["W1"] + w["b1"], 0)
     a2 = np.maximum(a1 @ w["W2"] + w["b2"], 0)
@@ -128,7 +126,7 @@ def _backward(w: dict, gradient: dict, x, cos, truth) -> None:
 
 
 def nbrdf_function(network: Mapping[str, np.ndarray], highest: float) -> Callable:
-    """f(wi, wo) of an NBRDF in Dr.Jit, weights as constants of the compiled function.
+    """Return f(wi, wo) of an NBRDF in Dr.Jit, weights as constants of the compiled function.
 
     Parameters
     ----------
@@ -148,7 +146,7 @@ def nbrdf_function(network: Mapping[str, np.ndarray], highest: float) -> Callabl
     layers = [(network[f"W{k}"].T, network[f"b{k}"].tolist()) for k in (1, 2, 3)]
     layers[0] = np.delete(layers[0][0], 1, 1), layers[0][1]  # the second input is 0
 
-    def f(wi, wo):
+    def f(wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Color3f:
         h = dr.normalize(wi + wo)
         sin_h = dr.sqrt(dr.square(h.x) + dr.square(h.y))
         # where h is the normal, phi_h is 0 by definition
@@ -161,9 +159,3 @@ def nbrdf_function(network: Mapping[str, np.ndarray], highest: float) -> Callabl
         return mi.Color3f([dr.clip(dr.exp(v) - 1, 0, highest) for v in x])
 
     return f
-
-
-# ---------------------------------------------------------------------- a residual network
-
-
-# ---------------------------------------------------------------------- BSDFs of Mitsuba

@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import base64
 import html
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Any
 
 from ..output.figure import sheet
-from ..output.table import cells
+from ..output.pareto import pareto
+from ..output.table import Columns, cells
 from ..system.files import replacing
+
+if TYPE_CHECKING:
+    from .benchmark import BenchReport
 
 _ROUNDING = 1e-4  # below this an error is float32: the measured file held against itself
 _STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:100em;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-size:13px}td,th{padding:.25em .6em;border-bottom:1px solid #ddd;text-align:right}
 td:first-child,th:first-child{text-align:left}tr:hover{background:#f4f4f4}img{max-width:100%}"""
+_PAGE = Template("""<!doctype html><html lang="en"><meta charset="utf-8"><title>Error against run time</title>
+<style>$style</style><h1>Error against run time</h1><p>$about</p>
+<img alt="Pareto plot" src="data:image/png;base64,$plot">
+$table<h2>How the time of a frame grows</h2>$growth$pictures</html>
+""")
+_PICTURE = Template('<h2>$name</h2><img alt="renders and error maps of $name" src="$name/comparison.png">')
 
 
-def draw_pareto(rows: list[dict], path: str | Path, *, title: str) -> None:
+def draw_pareto(rows: Sequence[Mapping[str, Any]], path: str | Path, *, title: str) -> None:
     """Draw error over run time: of one evaluation, and of a frame of the ball; the front is a line.
 
     Parameters
@@ -42,18 +55,14 @@ def draw_pareto(rows: list[dict], path: str | Path, *, title: str) -> None:
         figure.suptitle(title, fontsize=10)
 
 
-def _front(axes, rows: list[dict], key: str, cost, label: str) -> None:
+def _front(axes: Any, rows: Sequence[Mapping[str, Any]], key: str, cost: Callable, label: str) -> None:
     exact = [row for row in rows if row["log_l1"] < _ROUNDING]
     for row in exact:
         axes.axvline(cost(row[key]), color="0.5", ls="--", lw=1, label=f"0  {row['label']} (the truth itself)")
     rows = [row for row in rows if row not in exact]
     points = sorted((cost(row[key]), row["log_l1"], k + 1) for k, row in enumerate(rows) if key in row)
-    lowest, front = float("inf"), []
-    for x, y, _ in points:
-        if y < lowest:
-            front.append((x, y))
-            lowest = y
-    axes.step(*zip(*front, strict=True), where="post", color="tab:orange", lw=1.5, zorder=1)
+    front = pareto({"cost": x, "loss": y} for x, y, _ in points)
+    axes.step(*zip(*map(dict.values, front), strict=True), where="post", color="tab:orange", lw=1.5, zorder=1)
     for x, y, k in points:
         ours = "enhanced" in rows[k - 1]["label"] or "specialized" in rows[k - 1]["label"]
         colour = "tab:orange" if ours else "tab:blue"
@@ -63,37 +72,31 @@ def _front(axes, rows: list[dict], key: str, cost, label: str) -> None:
     axes.grid(alpha=0.3, which="both")
 
 
-def write_page(result: dict, path: str | Path, columns: dict, growth_columns: dict) -> None:
+def write_page(report: BenchReport, path: str | Path, columns: Columns, growth_columns: Columns) -> None:
     """Write table, growth, plot and the pictures of each material as one HTML page.
 
     Parameters
     ----------
-    result : dict
+    report : BenchReport
         Of :func:`mi_enhance.benchmark.benchmark.bench`, whose folder is that of `path`.
     path : str or Path
     columns, growth_columns : dict
         As for :func:`mi_enhance.output.table.markdown`.
     """
     path = Path(path)
-    about = ", ".join(f"{key} {value}" for key, value in result["machine"].items())
-    plot = base64.b64encode((path.parent / "pareto.png").read_bytes()).decode()
-    pictures = "".join(
-        f'<h2>{html.escape(name)}</h2><img alt="renders and error maps of {html.escape(name)}" '
-        f'src="{html.escape(name)}/comparison.png">'
-        for name in result["materials"]
-    )
-    text = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Error against run time</title>'
-        f"<style>{_STYLE}</style><h1>Error against run time</h1><p>{html.escape(about)}</p>"
-        f'<img alt="Pareto plot" src="data:image/png;base64,{plot}">'
-        f"{_table(result['rows'], columns)}<h2>How the time of a frame grows</h2>"
-        f"{_table(result['growth'], growth_columns)}{pictures}</html>"
+    text = _PAGE.substitute(
+        style=_STYLE,
+        about=html.escape(", ".join(f"{key} {value}" for key, value in report.machine.items())),
+        plot=base64.b64encode((path.parent / "pareto.png").read_bytes()).decode(),
+        table=_table(report.rows, columns),
+        growth=_table(report.growth, growth_columns),
+        pictures="".join(_PICTURE.substitute(name=html.escape(name)) for name in report.materials),
     )
     with replacing(path) as temporary:
         Path(temporary).write_text(text, encoding="utf8")
 
 
-def _table(rows: list[dict], columns: dict) -> str:
+def _table(rows: Sequence[Mapping[str, Any]], columns: Columns) -> str:
     headers, lines = cells(rows, columns)
     row = lambda tag, values: "<tr>" + "".join(f"<{tag}>{html.escape(v)}</{tag}>" for v in values) + "</tr>"  # noqa: E731
     return "<table>" + row("th", headers) + "".join(row("td", line) for line in lines) + "</table>"

@@ -11,12 +11,13 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from typing import Any
 
 import mitsuba as mi
 
 from . import timing
 
-_job = None  # of this process
+_job: Callable[[], Any] | None = None  # of this process
 
 
 class Workers:
@@ -35,11 +36,11 @@ class Workers:
     def __enter__(self) -> Workers:
         return self
 
-    def __exit__(self, *error) -> None:
+    def __exit__(self, *error: object) -> None:
         for pool in self._pools.values():
             pool.shutdown(wait=True, cancel_futures=True)
 
-    def seconds(self, jobs: Mapping[str, tuple], rounds: int, **kwargs) -> dict[str, float]:
+    def seconds(self, jobs: Mapping[str, tuple], rounds: int, **kwargs: Any) -> dict[str, float]:
         """Median seconds of jobs that run in turn, A B C A B C, each in its own process.
 
         Parameters
@@ -51,17 +52,17 @@ class Workers:
         **kwargs
             For all the functions.
         """
-        started = [self._pools[name].submit(_prepare, mi.variant(), *job, **kwargs) for name, job in jobs.items()]
+        started = [self._pools[name].submit(_prepare, mi.variant() or "", *job, **kwargs) for name, job in jobs.items()]
         for future in started:
             future.result()
-        own = {name: [] for name in jobs}
+        own: dict[str, list[float]] = {name: [] for name in jobs}
         for _ in range(rounds):
             for name, seconds in own.items():
                 seconds.append(self._pools[name].submit(_run).result())  # measured inside, without the way there
         return {name: timing.spread(s)["seconds"] for name, s in own.items()}
 
 
-def first_frames(job: tuple, **kwargs) -> dict:
+def first_frames(job: tuple, **kwargs: Any) -> dict[str, float | None]:
     """Seconds until a job has been made and run once in a fresh process.
 
     Parameters
@@ -75,14 +76,14 @@ def first_frames(job: tuple, **kwargs) -> dict:
         ``cold`` with an empty kernel cache, ``warm`` with the kernels of the first process in it; the import of the
         packages is over. ``megabytes`` is the largest memory of the process.
     """
-    result = {}
+    result: dict[str, float | None] = {}
     before = os.environ.get("DRJIT_CACHE_DIR")
     with tempfile.TemporaryDirectory() as cache:
         os.environ["DRJIT_CACHE_DIR"] = cache  # read when Dr.Jit is imported, in the child
         try:
             for key in ("cold", "warm"):
                 with _pool() as pool:
-                    result[key], result["megabytes"] = pool.submit(_first, mi.variant(), *job, **kwargs).result()
+                    result[key], result["megabytes"] = pool.submit(_first, mi.variant() or "", *job, **kwargs).result()
         finally:
             if before is None:
                 del os.environ["DRJIT_CACHE_DIR"]
@@ -96,7 +97,7 @@ def _pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
 
 
-def _prepare(variant: str, make: Callable, *args, **kwargs) -> None:
+def _prepare(variant: str, make: Callable, *args: Any, **kwargs: Any) -> None:
     global _job
     if mi.variant() != variant:
         mi.set_variant(variant)
@@ -106,10 +107,11 @@ def _prepare(variant: str, make: Callable, *args, **kwargs) -> None:
 
 
 def _run() -> float:
+    assert _job is not None  # _prepare comes first
     return timing.clock(_job)[0]
 
 
-def _first(variant: str, make: Callable, *args, **kwargs) -> tuple[float, float | None]:
+def _first(variant: str, make: Callable, *args: Any, **kwargs: Any) -> tuple[float, float | None]:
     mi.set_variant(variant)
     seconds, _ = timing.clock(lambda: make(*args, **kwargs)())
     return seconds, timing.peak_megabytes()

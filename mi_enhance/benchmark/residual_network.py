@@ -14,14 +14,11 @@ from ..data.measurements import Measurements
 from ..material.material import Material
 from ..neural import baked
 from ..neural import inputs as inputs_module
+from ..numerics.arrays import vector3f
 from ..specialization import distillation
 
 _RESIDUAL_HIDDEN = (16, 16)
-
-
 _RESIDUAL_SAMPLES = 16_384
-
-
 _DEAD = 0.01  # slope below 0, where f is cut off: a sample there must still be able to come back
 
 
@@ -42,11 +39,11 @@ def train_residual(lobe: Material, measurements: Measurements, *, seed: int = 0)
     index = rng.permutation(len(measurements.f))[:_RESIDUAL_SAMPLES]
     wi, wo, truth = measurements.wi[index], measurements.wo[index], measurements.f[index].astype(np.float64)
     cos, base = wo[:, 2:].astype(np.float64), lobe.evaluate(wi, wo).astype(np.float64)
-    inputs = _inputs(lobe, *(mi.Vector3f(np.ascontiguousarray(w.T)) for w in (wi, wo)))
+    inputs = _inputs(lobe, vector3f(wi), vector3f(wo))
     x = np.stack([np.array(v + dr.zeros(mi.Float, len(wi)), np.float64) for v in inputs], 1)
     mean, std = x.mean(0), x.std(0) + 1e-6  # 1e-6: an input that is constant for this material
 
-    def residuals(y, index):
+    def residuals(y: np.ndarray, index: slice) -> tuple[np.ndarray, np.ndarray]:
         f = base[index] + y
         slope = np.where(f > 0, 1, _DEAD)
         v = np.maximum(f, _DEAD * np.maximum(f, -10)) * cos[index]
@@ -54,8 +51,8 @@ def train_residual(lobe: Material, measurements: Measurements, *, seed: int = 0)
         d = slope * cos[index] / (1 + np.maximum(v, -0.9))
         return r / 3, d[:, :, None] * np.eye(3) / 3
 
-    layers = distillation.first((x.shape[1], *_RESIDUAL_HIDDEN, 3), np.zeros(3), rng)
-    layers, _ = distillation.train(layers, (x - mean) / std, residuals, steps=60)
+    first = distillation.first((x.shape[1], *_RESIDUAL_HIDDEN, 3), np.zeros(3), rng)
+    layers, _ = distillation.train(first, (x - mean) / std, residuals, steps=60)
     return distillation.on_raw_inputs(layers, mean, std), time.perf_counter() - start
 
 
@@ -64,14 +61,14 @@ def residual_function(lobe: Material, layers: list) -> Callable:
     params = lobe.as_drjit()
     dr.make_opaque(params)
 
-    def f(wi, wo):
+    def f(wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Color3f:
         return dr.maximum(lobe.brdf(wi, wo, params) + mi.Color3f(baked.dense(layers, _inputs(lobe, wi, wo, params))), 0)
 
     return f
 
 
-def _inputs(lobe: Material, wi, wo, params: Mapping | None = None) -> list:
-    """The features that :func:`mi_enhance.specialization.specialize` uses, with those that tell viewer from light."""
+def _inputs(lobe: Material, wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping | None = None) -> list:
+    """Return the features that `specialize` uses, with those that tell viewer from light."""
     params = {**(params or lobe.as_drjit()), "asymmetry": mi.Float(1)}
     local_i, local_o, _ = geometry.local_directions(wi, wo, params)
     named = inputs_module.named({**geometry.quantities(local_i, local_o), **params})

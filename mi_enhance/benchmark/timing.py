@@ -1,4 +1,4 @@
-"""Timings that can be trusted: interleaved runs, medians, the machine in words and what it can do at best."""
+"""Timings that can be trusted: interleaved runs, medians, the machine in words and its best rate."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import time
 from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+T = TypeVar("T")
+
 
 def machine(*packages: str) -> dict:
-    """Processor, cores, load, and versions of what decides the figures, those of further `packages` too.
+    """Return processor, cores, load, and versions of the packages that decide the figures, and of further `packages`.
 
     Examples
     --------
@@ -40,7 +43,7 @@ def _cpu() -> str:
 
 
 def interleaved(jobs: Mapping[str, Callable], rounds: int, warm_up: int = 2) -> dict[str, list[float]]:
-    """Seconds of every job in every round, A B C A B C: what disturbs the machine for a while disturbs all of them.
+    """Return the seconds of every job in every round, A B C A B C: a disturbance of the machine then meets all of them.
 
     Examples
     --------
@@ -50,22 +53,22 @@ def interleaved(jobs: Mapping[str, Callable], rounds: int, warm_up: int = 2) -> 
     for job in jobs.values():
         for _ in range(warm_up):
             job()
-    seconds = {name: [] for name in jobs}
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, job in jobs.items():
             seconds[name].append(clock(job)[0])
     return seconds
 
 
-def clock(job: Callable) -> tuple[float, object]:
-    """Seconds that `job` takes, and what it returns."""
+def clock(job: Callable[[], T]) -> tuple[float, T]:
+    """Return the seconds that `job` takes, and its result."""
     start = time.perf_counter()
     result = job()
     return time.perf_counter() - start, result
 
 
 def spread(seconds: list[float]) -> dict:
-    """Median and extremes: medians are compared, extremes show how quiet the machine was.
+    """Return median and extremes: medians are compared, extremes show how quiet the machine was.
 
     Examples
     --------
@@ -76,13 +79,13 @@ def spread(seconds: list[float]) -> dict:
 
 
 def peak_gflops(size: int = 2048, rounds: int = 5) -> float:
-    """GFLOP/s of a product of two float32 matrices in NumPy: what the cores do at best."""
+    """Return the GFLOP/s of a product of two float32 matrices in NumPy, the best that the cores do."""
     a = np.random.default_rng(0).random((size, size), np.float32)
     return 2 * size**3 / min(interleaved({"": lambda: a @ a}, rounds)[""]) / 1e9
 
 
 def peak_megabytes() -> float | None:
-    """Largest memory of this process; only Linux tells. ``getrusage`` would count the parent's, before the exec."""
+    """Return the largest memory of this process, where Linux tells it; ``getrusage`` would count the parent's."""
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.exists() else []
     return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), None)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from . import arguments
-from .bridge import call
 from .outputs import output_folder
 from .progress_bar import progress_bar
 
@@ -14,7 +14,7 @@ def add(subparsers: arguments.Subparsers) -> None:
     text = "error against run time of every model on this machine, as table, plot and HTML page"
     p = arguments.command(subparsers, "bench", text, run)
     p.add_argument("data", metavar="DATA", nargs="*", help="RGL .bsdf (default: the one of the demo)")
-    arguments.add_model(p)
+    arguments.add_model(p, default=None)
     arguments.add_samples(p)
     arguments.add_variant(p)
     arguments.add_output_folder(p, "bench")
@@ -31,19 +31,20 @@ def run(args: argparse.Namespace) -> dict:
     from ..output.table import print_table
     from ..system.bundled_files import demo_data
 
+    model = arguments.model(args.model) if args.model else None
     with progress_bar("bench", quiet=args.json) as progress:
-        result = call(
-            bench,
+        result = bench(
             args.data or [demo_data("satin_rosaline_rgb.bsdf")],
             folder,
             resolution=args.resolution,
             spp=args.spp,
             rounds=args.rounds,
-            samples=args.samples,
+            n_samples=args.samples,
             seed=args.seed,
+            model=model,
             progress=progress,
         )
-    print_table(result["rows"], COLUMNS, title=", ".join(result["materials"]))
-    print_table(result["growth"], GROWTH_COLUMNS, title="how the time of a frame grows")
-    print(f"{result['files']['html']}\n" + ", ".join(f"{k} {v}" for k, v in result["machine"].items()))
-    return result
+    print_table(result.rows, COLUMNS, title=", ".join(result.materials))
+    print_table(result.growth, GROWTH_COLUMNS, title="how the time of a frame grows")
+    print(f"{result.files['html']}\n" + ", ".join(f"{k} {v}" for k, v in result.machine.items()))
+    return dataclasses.asdict(result)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from . import arguments
-from .bridge import call
 from .outputs import output_folder
 from .progress_bar import progress_bar
 
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> dict:
 
     material = Material.load(args.file)
     with progress_bar("check", quiet=args.json) as progress:
-        result = call(check, material, folder, seed=args.seed, progress=progress)
-    print_table(result["rows"], COLUMNS, title=args.file)
-    print("\n".join([*result["files"].values(), "all as it should be" if result["ok"] else "something is off"]))
-    return result
+        result = check(material, folder, seed=args.seed, progress=progress)
+    print_table(result.rows, COLUMNS, title=args.file)
+    print("\n".join([*result.files.values(), "all as it should be" if result.ok else "something is off"]))
+    return dataclasses.asdict(result)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 
 from . import arguments
-from .bridge import call
 from .outputs import output_folder
 from .progress_bar import progress_bar
 
@@ -32,10 +32,9 @@ def run(args: argparse.Namespace) -> dict:
 
     models = default_models(arguments.model(args.model))
     with progress_bar("compare", quiet=args.json) as progress:
-        result = call(
-            compare_files,
+        result = compare_files(
             args.data,
-            folder=folder,
+            folder,
             models=models,
             method=args.method,
             n_samples=args.samples,
@@ -45,5 +44,5 @@ def run(args: argparse.Namespace) -> dict:
             spp=args.spp,
             progress=progress,
         )
-    print_table(result["rows"] + result["mean"])
-    return result
+    print_table(result.rows + result.mean)
+    return dataclasses.asdict(result)

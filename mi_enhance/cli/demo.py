@@ -8,7 +8,6 @@ from pathlib import Path
 
 from ..system.progress import Callback, silent
 from . import arguments
-from .bridge import call
 from .outputs import output_folder
 from .progress_bar import progress_bar
 
@@ -81,7 +80,7 @@ def make_demo(
     start = time.perf_counter()
     path = Path(data) if data is not None else demo_data(_MATERIAL)
     folder = Path(folder)
-    rows = call(compare_file, path, folder=folder, resolution=resolution, spp=spp, seed=seed, progress=progress)
+    rows = compare_file(path, folder, resolution=resolution, spp=spp, seed=seed, progress=progress)
     tables = write_table(rows, folder / "table")
     return {
         "picture": str(folder / "comparison.png"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from . import arguments
-from .bridge import call
 from .outputs import made, output_file
 from .progress_bar import progress_bar
 
@@ -33,8 +32,7 @@ def run(args: argparse.Namespace) -> dict:
 
     model, measurements = arguments.model(args.model), arguments.measurements(args)
     with progress_bar(f"fit {measurements.name}", quiet=args.json) as progress:
-        material = call(
-            fit,
+        material = fit(
             model,
             measurements,
             method=args.method,

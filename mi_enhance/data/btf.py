@@ -87,7 +87,7 @@ def read(
 def _open(path: Path, where: str):
     """Return the reader of the package for the kind of the file."""
     try:
-        import btf_extractor  # type: ignore[import-not-found]
+        import btf_extractor
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             f"{where}: needs the package btf-extractor ({error}). Install it: pip install 'mi-enhance[btf]'; it is "

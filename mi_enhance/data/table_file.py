@@ -135,7 +135,7 @@ def _read_text(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarr
     for name, values in column.items():
         _finite(values[:, None], [name], place, where)
     rgb = [column[c] for c in (RGB if RGB[0] in column else GREY * 3)]
-    ignored = [n for n in table.header.names if n not in column]
+    ignored = [n for n in table.header.names if n and n not in column]
     notes = [f"columns ignored: {', '.join(ignored)[:200]}"] if ignored else []
     f = np.stack(rgb, 1)
     if VECTORS[0] in column:
@@ -198,8 +198,8 @@ def _read_npz(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def _finite(rows: np.ndarray, columns: list[str], place: _Place, where: str) -> None:
-    """Raise for the first NaN or infinity, in the words of the file."""
-    bad = np.argwhere(~np.isfinite(rows))
+    """Raise for the first NaN, infinity, or number that float32 cannot hold, in the words of the file."""
+    bad = np.argwhere(~(np.abs(rows) <= np.finfo(np.float32).max))
     if len(bad):
         i, j = bad[0]
         raise ValueError(

@@ -31,10 +31,10 @@ _UNITS = {
 }  # fmt: skip
 _LONGEST_FIRST = sorted(_UNITS, key=len, reverse=True)  # f_r before f
 _SEPARATORS = (";", "\t", ",", None)  # None: any white space; last, as it stands beside the others, too
-_COMMENT = re.compile(r"\s*(?:#|%|//|sep=)")  # sep=: a line for Excel
+_COMMENT = re.compile(r"^\s*(?:#|%|//|sep=)")  # sep=: a line for Excel
 _MOST_LINES = 1000  # of text before the numbers
-# What says that angles are in degrees, outside of the header; "23 °C" does not.
-_DEGREES = re.compile(r"(?:\bdeg(?:rees?)?\b|°)(?!\s*[cf]\b)", re.IGNORECASE)
+# What says that angles are in degrees, outside of the header; "23 °C" and "seen at 45 deg" do not.
+_DEGREES = re.compile(r"(?<!\d)(?<!\d\s)(?:\bdeg(?:rees?)?\b|°)(?!\s*[cf]\b)", re.IGNORECASE)
 _RADIANS = re.compile(r"\brad(?:ians?)?\b", re.IGNORECASE)
 _OF_ANGLES = re.compile(r"angle|theta|phi|polar|azimuth|unit|direction", re.IGNORECASE)
 

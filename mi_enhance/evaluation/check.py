@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -12,7 +13,11 @@ import numpy as np
 from ..analytic import geometry
 from ..material.material import Material
 from ..numerics import sequences
+from ..numerics.arrays import vector3f
+from ..output.table import write_table
+from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_variant
+from .check_picture import draw
 from .chi_square import SIGNIFICANCE, chi_square
 
 RECIPROCITY = 1e-6  # relative: float32 knows no more of a product of a dozen factors
@@ -30,28 +35,44 @@ _MAP = 45  # angles along either side of the map of reciprocity
 COLUMNS = {"check": ("check", ""), "value": ("found", ".3g"), "allowed": ("allowed", ""), "verdict": ("", "")}
 
 
+@dataclasses.dataclass(frozen=True)
+class CheckReport:
+    """Result of a check.
+
+    Parameters
+    ----------
+    ok : bool
+        False if a value is NaN, infinite or negative, if the samples do not follow their density, or if reciprocity
+        (:attr:`Material.reciprocal`) or bounded energy (:attr:`Material.bound_energy`) is claimed and missed.
+    rows : list of dict
+        One for each check, with ``check``, ``value``, ``allowed``, ``verdict`` ("ok", "off", or "" for information).
+    files : dict of str to str
+        The files written, by suffix.
+    """
+
+    ok: bool
+    rows: list[dict]
+    files: dict[str, str]
+
+
 def check(
-    material: Material, folder: str | Path | None = None, *, seed: int = 0, callback: Callable | None = None
-) -> dict:
+    material: Material, folder: str | Path | None = None, *, seed: int = 0, progress: Callback = silent
+) -> CheckReport:
     """Examine a material as it is rendered: its values, its sampling, and the physics it claims.
 
     Parameters
     ----------
     material : Material
     folder : str or Path, optional
-        Where ``check.png`` (albedo over angle, map of the reciprocity error, peak of f) and the table ``check.csv``,
-        ``.json``, ``.md`` go; nothing is written if left out.
+        Folder for ``check.png`` (albedo over angle, map of the reciprocity error, peak of f) and the table
+        ``check.csv``, ``.json``, ``.md``; nothing is written if left out.
     seed : int
-    callback : callable, optional
-        ``callback(what)`` before every part.
+    progress : callable
+        Hears of every part before it begins, see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
-    dict
-        ``ok``: False if a value is NaN, infinite or negative, if the samples do not follow their density, or if
-        reciprocity (:attr:`Material.reciprocal`) or bounded energy (:attr:`Material.energy`) is claimed and missed.
-        ``rows``: one dict for each check, with ``check``, ``value``, ``allowed``, ``verdict`` ("ok", "off", or ""
-        for what is information only). ``files``: what was written, by suffix.
+    CheckReport
 
     Raises
     ------
@@ -60,36 +81,42 @@ def check(
 
     Examples
     --------
-    >>> check(Material.analytic("ggx"))["ok"]
+    >>> check(Material.analytic("ggx")).ok
     True
     """
     require_variant("check()", rgb=True, jit=True)
-    callback = callback or (lambda _: None)
-    bsdf, rows = material.bsdf(), []
+    bsdf = material.bsdf()
+    rows: list[dict] = []
+    parts = ["values", "reciprocity", "albedo", *(f"chi-square at {degrees:g} degrees" for degrees in _VIEWS)]
+    steps = iter(parts)
 
-    def add(name, value, allowed="", ok=None):
+    def begin() -> None:
+        part = next(steps)
+        progress(Progress(part, parts.index(part), len(parts)))
+
+    def add(name: str, value: float, allowed: str = "", ok: bool | None = None) -> None:
         rows.append({
             "check": name, "value": value, "allowed": allowed, "verdict": "" if ok is None else "ok" if ok else "off",
         })  # fmt: skip
 
-    callback("values")
+    begin()
     found = _hunt(bsdf, material, seed)
     add("NaN or infinite", found["not_finite"], "0", found["not_finite"] == 0)
     add("negative", found["negative"], "0", found["negative"] == 0)
     add("evaluations", found["evaluations"])
     add("largest f, 1/sr", found["peak"])
     add("largest f cos / pdf", found["weight"])
-    callback("reciprocity")
+    begin()
     reciprocity, worst = _reciprocity(bsdf)
     add("reciprocity, relative", worst, *_claim(material.reciprocal, worst, RECIPROCITY))
-    callback("albedo")
+    begin()
     phi = np.arange(_AZIMUTHS) / _AZIMUTHS * 2 * np.pi
     albedos, peaks = albedo(bsdf, np.cos(np.deg2rad(_ANGLES)), phi)
     largest = float(albedos.max())
     add("largest albedo", largest, *_claim(material.bound_energy, largest, ALBEDO))
     params, tests = material.as_drjit(), []
     for degrees in _VIEWS:
-        callback(f"chi-square at {degrees:g} degrees")
+        begin()
         wi = _direction(np.cos(np.deg2rad(degrees)), _AZIMUTH)
         result = chi_square(bsdf, wi, params, material.brdf.model, test_count=len(_VIEWS), seed=seed)
         tests += [(degrees, result)] if result else []
@@ -97,25 +124,22 @@ def check(
         allowed = f"{1 - (1 - SIGNIFICANCE) ** (1 / len(_VIEWS)):.4f}"
         add(f"chi-square at {degrees:g}°, p at least", result["p_value"], allowed, result["passed"])
     add("density over its integral", max((abs(r["normalization"] - 1) for _, r in tests), default=0.0) + 1)
-    result = {"ok": all(row["verdict"] != "off" for row in rows), "rows": rows, "files": {}}
+    files: dict[str, str] = {}
     if folder is not None:
-        from ..output.table import write_table
-        from .check_picture import draw
-
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         draw(np.array(_ANGLES), albedos, peaks, reciprocity, folder / "check.png", title=str(material.brdf))
         paths = {**write_table(rows, folder / "check", COLUMNS), "png": folder / "check.png"}
-        result["files"] = {suffix: str(path) for suffix, path in paths.items()}
-    return result
+        files = {suffix: str(path) for suffix, path in paths.items()}
+    return CheckReport(all(row["verdict"] != "off" for row in rows), rows, files)
 
 
 def _claim(claimed: bool, value: float, allowed: float) -> tuple[str, bool | None]:
-    """What is allowed, and whether that holds: nothing where nothing is claimed."""
+    """Return the limit, and whether it holds; nothing where nothing is claimed."""
     return (f"{allowed:g}", value <= allowed) if claimed else ("", None)
 
 
-def _direction(cos, phi) -> np.ndarray:
+def _direction(cos: Any, phi: Any) -> np.ndarray:
     """Unit vectors (..., 3)."""
     cos, phi = np.broadcast_arrays(cos, phi)
     sin = np.sqrt(1 - np.square(cos))
@@ -124,15 +148,11 @@ def _direction(cos, phi) -> np.ndarray:
 
 def _hit(wi: np.ndarray) -> mi.SurfaceInteraction3f:
     si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
-    si.wi = _vectors(wi)
+    si.wi = vector3f(wi)
     return si
 
 
-def _vectors(w: np.ndarray) -> mi.Vector3f:
-    return mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T))
-
-
-def _hunt(bsdf: mi.BSDF, material: Material, seed: int) -> dict:
+def _hunt(bsdf: mi.BSDF, material: Material, seed: int) -> dict[str, Any]:
     """Values, densities and samples at random and at extreme pairs of directions."""
     rng, n = np.random.default_rng(seed), _HUNT
     phi = lambda: rng.uniform(0, 2 * np.pi, n)  # noqa: E731
@@ -153,35 +173,39 @@ def _hunt(bsdf: mi.BSDF, material: Material, seed: int) -> dict:
         (wi, -wi),
     ]
     context = mi.BSDFContext()
-    result = {"not_finite": 0, "negative": 0, "evaluations": 0, "peak": 0.0, "weight": 0.0}
+    result: dict[str, Any] = {"not_finite": 0, "negative": 0, "evaluations": 0, "peak": 0.0, "weight": 0.0}
     for wi, wo in pairs:
-        si, wo = _hit(wi), _vectors(wo)
+        si, wo = _hit(wi), vector3f(wo)
         value, pdf = _eval(bsdf, si, wo), bsdf.pdf(context, si, wo)
         u = rng.random((3, n)).astype(np.float32)
         u[:, :64] = rng.choice([0, 0.5, 1 - 2**-24], (3, 64))  # the rim of the cube, where warps are singular
         bs, weight = _sample(bsdf, si, [mi.Float(v) for v in u])
         for v in (*value, pdf, *weight, bs.pdf, *bs.wo):
-            result["not_finite"] += int(dr.count(~dr.isfinite(v))[0])
+            result["not_finite"] += _count(~dr.isfinite(v))
         for v in (*value, pdf, *weight, bs.pdf):
-            result["negative"] += int(dr.count(v < 0)[0])
+            result["negative"] += _count(v < 0)
         # 1e-7: no direction is closer to the horizon in float32, and none below counts
         f = dr.select(wo.z > 0, dr.max(value) / dr.maximum(wo.z, 1e-7), 0)
-        result["peak"] = max(result["peak"], float(dr.max(f)[0]))
-        result["weight"] = max(result["weight"], float(dr.max(weight, axis=None)[0]))
+        result["peak"] = max(result["peak"], float(np.array(f).max()))
+        result["weight"] = max(result["weight"], float(np.array(weight).max()))
         result["evaluations"] += 2 * n
     return result
+
+
+def _count(mask: mi.Bool) -> int:
+    return int(np.count_nonzero(np.array(mask)))
 
 
 # Evaluated at once: two kernels serve all parts, where one for each question would compile for long.
 
 
-def _eval(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f) -> mi.Color3f:
+def _eval(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f) -> mi.Spectrum:
     value = bsdf.eval(mi.BSDFContext(), si, wo)
     dr.eval(value)
     return value
 
 
-def _sample(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: list[mi.Float]) -> tuple[mi.BSDFSample3f, mi.Color3f]:
+def _sample(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: Any) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     dr.eval(u)
     bs, weight = bsdf.sample(mi.BSDFContext(), si, u[0], mi.Point2f(u[1], u[2]))
     dr.eval(bs, weight)
@@ -190,7 +214,7 @@ def _sample(bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: list[mi.Float]) -> tu
 
 def _f(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """Reflectance (N, 3)."""
-    return np.array(_eval(bsdf, _hit(wi), _vectors(wo)), np.float64).T / np.float32(wo[:, 2:])
+    return np.array(_eval(bsdf, _hit(wi), vector3f(wo)), np.float64).T / np.float32(wo[:, 2:])
 
 
 def _reciprocity(bsdf: mi.BSDF) -> tuple[np.ndarray, float]:
@@ -237,7 +261,7 @@ def albedo(
     lanes = len(wi) * n
     u = sequences.even_numbers(lanes, dr.arange(mi.UInt32, lanes) % n + first)
     si = dr.zeros(mi.SurfaceInteraction3f, lanes)
-    si.wi = dr.repeat(_vectors(wi), n)
+    si.wi = dr.repeat(vector3f(wi), n)
     bs, weight = _sample(bsdf, si, u)
     peak = dr.max(weight) * bs.pdf / dr.maximum(bs.wo.z, 1e-7)  # 1e-7: as in _hunt
     mean = np.array([dr.block_sum(c, n) for c in weight], np.float64).T / n

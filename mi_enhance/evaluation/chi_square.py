@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..analytic import geometry
+from ..analytic.models.model import Model
 
 SIGNIFICANCE = 0.01  # of all tests of a run together
 _SAMPLES = 200_000
@@ -26,12 +30,12 @@ class LobeDomain:
         self.wi, self.frame, self.alpha = wi, frame, (alpha_x, alpha_y)
 
     def bounds(self):
-        return mi.ScalarBoundingBox2f([-np.pi, 0], [np.pi, 1])
+        return mi.ScalarBoundingBox2f(mi.ScalarPoint2f(-np.pi, 0), mi.ScalarPoint2f(np.pi, 1))
 
     def aspect(self):
         return 1
 
-    def _half(self, p) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
+    def _half(self, p: mi.Point2f) -> tuple[mi.Vector3f, Any, Any]:
         """Half vector in the material's frame, the distance it stands for, and the cosine of wi to it."""
         v = dr.minimum(p.y, 1 - 1e-6)  # the rim, a half vector on the horizon, is infinitely far
         s = _CORE * v / (1 - v)
@@ -63,7 +67,16 @@ class LobeDomain:
         return result
 
 
-def chi_square(bsdf: mi.BSDF, wi, params, model, *, test_count: int, n: int = _SAMPLES, seed: int = 0) -> dict | None:
+def chi_square(
+    bsdf: mi.BSDF,
+    wi: Sequence[float] | np.ndarray,
+    params: Mapping[str, Any],
+    model: Model,
+    *,
+    test_count: int,
+    n: int = _SAMPLES,
+    seed: int = 0,
+) -> dict | None:
     """Pearson's chi-square test of a BSDF's samples against its density.
 
     Parameters
@@ -94,14 +107,14 @@ def chi_square(bsdf: mi.BSDF, wi, params, model, *, test_count: int, n: int = _S
     >>> chi_square(m.bsdf(), [0, 0, 1], m.as_drjit(), m.brdf.model, test_count=1)["passed"]
     True
     """
-    wi = mi.Vector3f(*map(float, wi))
-    if not geometry.frame_of(params).to_local(wi).z[0] > 0:
+    view = mi.Vector3f(*map(float, wi))
+    if not geometry.frame_of(params).to_local(view).z[0] > 0:
         return None
     context = mi.BSDFContext()
 
     def hit(count):
         si = dr.zeros(mi.SurfaceInteraction3f, count)
-        si.wi = wi
+        si.wi = view
         return si
 
     def sample(u):
@@ -109,13 +122,13 @@ def chi_square(bsdf: mi.BSDF, wi, params, model, *, test_count: int, n: int = _S
         return bs.wo, dr.select(bs.pdf > 0, mi.Float(1), 0)
 
     lobes = [[float(a[0]) for a in alpha] for _, *alpha in model.lobes(params)] or [[1.0, 1.0]]
-    domain = LobeDomain(wi, geometry.frame_of(params), *min(lobes, key=min))
+    domain = LobeDomain(view, geometry.frame_of(params), *min(lobes, key=min))
     pdf = domain.density(lambda w: bsdf.pdf(context, hit(dr.width(w)), w))
     test = mi.chi2.ChiSquareTest(domain, sample, pdf, 3, n, _CELLS, _INSIDE, seed)
     passed = test.run(SIGNIFICANCE, test_count=test_count, quiet=True)
     return {
         "passed": bool(passed),
-        "p_value": float(test.p_value),
+        "p_value": float(test.p_value or 0),
         "normalization": float(test.pdf_sum[0] / test.histogram_sum[0]),
         "message": test.messages.strip().replace("\n", " "),
     }

@@ -6,34 +6,44 @@ clock starts, so the rate (Mpaths/s) holds no compilation; the time of that firs
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import mitsuba as mi
 import numpy as np
 
-from .. import data
+from ..data.loading import load
+from ..fitting.fit import fit
+from ..material.material import Material
 from ..output.table import write_table
-from ..system.files import material_name, replacing, require_file
+from ..system.files import material_name, replacing
+from ..system.progress import Callback, Progress, silent
 from . import comparison_picture, image_metrics, scenes
+from .truth import rgl_file
 
 _WARM_UP_SPP = 1  # compiles the same kernels as any other number
 
+if TYPE_CHECKING:  # mi.BSDF is there only once a variant is set
+    BSDF = dict | mi.BSDF
+
 
 def compare(
-    truth,
-    candidates,
+    truth: BSDF,
+    candidates: Mapping[str, BSDF],
+    folder: str | Path,
     *,
-    folder,
-    scene="shader_ball",
-    resolution=256,
-    spp=256,
-    seed=0,
-    truth_label="measured",
-    title=None,
-    log=None,
-):
+    scene: str | Path = "shader_ball",
+    resolution: int = 256,
+    spp: int = 256,
+    seed: int = 0,
+    truth_label: str = "measured",
+    title: str | None = None,
+    progress: Callback = silent,
+) -> list[dict]:
     """Render ground truth and candidates in one scene, measure their difference, and write pictures.
 
     Parameters
@@ -41,7 +51,7 @@ def compare(
     truth : dict or mi.BSDF
         The ground truth.
     candidates : dict of str to dict or mi.BSDF
-        What is compared, in order; the keys are the labels.
+        The models to compare, in order; the keys are the labels.
     folder : str or Path
         Folder for ``comparison.png`` and one ``<label>.exr`` each (linear RGB radiance); made if missing.
     scene : str or Path
@@ -49,11 +59,11 @@ def compare(
     resolution, spp : int
         Pixels on a side, samples per pixel. Mitsuba may round `spp` up; the rate counts what was traced.
     seed : int
-        Of the sampler, the same for all: what is equal in two materials then shows equal noise.
+        Of the sampler, the same for all: equal materials then show equal noise.
     truth_label, title : str
         Label of the ground truth; name of the material in the picture.
-    log : callable, optional
-        Called with one line of text before each render.
+    progress : callable
+        Hears of every render before it begins, see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
@@ -69,7 +79,7 @@ def compare(
 
     Examples
     --------
-    >>> compare({"type": "diffuse"}, {"GGX": {"type": "roughconductor"}}, folder="out")  # doctest: +SKIP
+    >>> compare({"type": "diffuse"}, {"GGX": {"type": "roughconductor"}}, "out")  # doctest: +SKIP
     """
     bsdfs = {truth_label: truth, **candidates}
     files = {label: f"{_file_name(label)}.exr" for label in bsdfs}
@@ -81,10 +91,11 @@ def compare(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
 
-    images, errors, rows = {}, {}, []
-    for label, bsdf in bsdfs.items():
-        if log:
-            log(f"render {label}: {resolution} x {resolution}, {spp} spp")
+    images: dict[str, np.ndarray] = {}
+    errors: dict[str, np.ndarray] = {}
+    rows: list[dict] = []
+    for k, (label, bsdf) in enumerate(bsdfs.items()):
+        progress(Progress(f"render {label}: {resolution} x {resolution}, {spp} spp", k, len(bsdfs)))
         images[label], seconds = _render(bsdf, scene, resolution, spp, seed)
         _write_exr(images[label], folder / files[label])
         pair = images[label], images[truth_label]
@@ -106,8 +117,8 @@ def compare(
     return rows
 
 
-def default_models(network=None):
-    """Return what `compare_files` fits by default: plain GGX and the enhanced network, not yet fitted.
+def default_models(network: Material | None = None) -> dict[str, Material]:
+    """Return the models that `compare_files` fits by default: plain GGX and the enhanced one, not yet fitted.
 
     Parameters
     ----------
@@ -119,12 +130,20 @@ def default_models(network=None):
     >>> list(default_models())
     ['GGX', 'enhanced GGX']
     """
-    from ..material.material import Material
-
     return {"GGX": Material.analytic("ggx"), "enhanced GGX": network or Material.pretrained()}
 
 
-def compare_file(path, *, folder, models=None, method="lm", n_samples=100_000, seed=0, log=None, **render):
+def compare_file(
+    path: str | Path,
+    folder: str | Path,
+    *,
+    models: Mapping[str, Material] | None = None,
+    method: Literal["lm", "rmsprop"] = "lm",
+    n_samples: int = 100_000,
+    seed: int = 0,
+    progress: Callback = silent,
+    **render: Any,
+) -> list[dict]:
     """Fit models to one measured RGL file and compare them with it.
 
     Parameters
@@ -137,8 +156,8 @@ def compare_file(path, *, folder, models=None, method="lm", n_samples=100_000, s
         Unfitted materials by label; `default_models` if left out.
     method, n_samples, seed
         Of the fit and of the sampling of the data; `seed` of the render too.
-    log, **render
-        As for `compare`: `scene`, `resolution`, `spp`.
+    progress, **render
+        As for `compare`: `scene`, `resolution`, `spp`. Fits are told, too.
 
     Returns
     -------
@@ -148,19 +167,17 @@ def compare_file(path, *, folder, models=None, method="lm", n_samples=100_000, s
 
     Examples
     --------
-    >>> compare_file("mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf", folder="out/satin")  # doctest: +SKIP
+    >>> compare_file("mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf", "out/satin")  # doctest: +SKIP
     """
-    from ..fitting.fit import fit
-
-    path = require_file(path, f'compare_file("{path}")')
+    path = rgl_file(path, "compare_file()")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    measurements = data.load(path, n_samples=n_samples, seed=seed, kind="rgl")
+    measurements = load(path, n_samples=n_samples, seed=seed, kind="rgl")
     models = default_models() if models is None else models
-    fitted, columns = {}, [{"log_l1": 0.0, "fit_seconds": None, "bytes": path.stat().st_size, "file": str(path)}]
-    for label, model in models.items():
-        if log:
-            log(f"fit {label} to {len(measurements.f)} samples of {measurements.name}")
+    fitted: dict[str, BSDF] = {}
+    columns: list[dict] = [{"log_l1": 0.0, "fit_seconds": None, "bytes": path.stat().st_size, "file": str(path)}]
+    for k, (label, model) in enumerate(models.items()):
+        progress(Progress(f"fit {label} to {len(measurements.f)} samples of {measurements.name}", k, len(models)))
         material = fit(model, measurements, method=method, seed=seed)
         file = folder / f"{_file_name(label)}.bsdf"
         material.save(file)
@@ -170,11 +187,30 @@ def compare_file(path, *, folder, models=None, method="lm", n_samples=100_000, s
             {"log_l1": report["log_l1"], "fit_seconds": report["seconds"], "bytes": material.n_bytes, "file": str(file)}
         )
     truth = {"type": "measured", "filename": str(path)}
-    rows = compare(truth, fitted, folder=folder, seed=seed, log=log, title=material_name(path), **render)
+    rows = compare(truth, fitted, folder, seed=seed, progress=progress, title=material_name(path), **render)
     return [{"material": material_name(path), **row, **column} for row, column in zip(rows, columns, strict=True)]
 
 
-def compare_files(paths, *, folder, **settings):
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Result of :func:`compare_files`.
+
+    Parameters
+    ----------
+    rows : list of dict
+        All rows of all files, as of `compare_file`.
+    mean : list of dict
+        One row for each label, ``material`` = "mean of N".
+    tables : dict of str to str
+        The tables written, by suffix.
+    """
+
+    rows: list[dict]
+    mean: list[dict]
+    tables: dict[str, str]
+
+
+def compare_files(paths: Sequence[str | Path], folder: str | Path, **settings: Any) -> Comparison:
     """Run `compare_file` on several measured files and average the figures of each model.
 
     Parameters
@@ -187,8 +223,7 @@ def compare_files(paths, *, folder, **settings):
 
     Returns
     -------
-    dict
-        ``rows`` (all), ``mean`` (one row for each label, ``material`` = "mean of N"), ``tables`` (paths).
+    Comparison
 
     Raises
     ------
@@ -197,28 +232,26 @@ def compare_files(paths, *, folder, **settings):
 
     Examples
     --------
-    >>> compare_files(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], folder="out")  # doctest: +SKIP
+    >>> compare_files(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], "out")  # doctest: +SKIP
     """
     names = [material_name(path) for path in paths]
     if not names or len(set(names)) != len(names):
         raise ValueError(f"compare_files(): materials {names} must be at least one and all different. Rename a file.")
     folder = Path(folder)
     rows = [
-        row
-        for name, path in zip(names, paths, strict=True)
-        for row in compare_file(path, folder=folder / name, **settings)
+        row for name, path in zip(names, paths, strict=True) for row in compare_file(path, folder / name, **settings)
     ]
     mean = _mean(rows, f"mean of {len(names)}")
     tables = write_table(rows + mean, folder / "comparison")
-    return {"rows": rows, "mean": mean, "tables": {suffix: str(path) for suffix, path in tables.items()}}
+    return Comparison(rows, mean, {suffix: str(path) for suffix, path in tables.items()})
 
 
-def _mean(rows, name):
+def _mean(rows: list[dict], name: str) -> list[dict]:
     """One row for each label: the mean of every number, but the harmonic mean of the rate (all paths / all seconds)."""
     result = []
     for label in dict.fromkeys(row["label"] for row in rows):
         group = [row for row in rows if row["label"] == label]
-        mean = {"material": name, "label": label}
+        mean: dict[str, Any] = {"material": name, "label": label}
         for key in group[0]:
             values = [row[key] for row in group]
             if key == "mpaths_per_s":
@@ -231,23 +264,23 @@ def _mean(rows, name):
     return result
 
 
-def _render(bsdf, scene, resolution, spp, seed):
+def _render(bsdf: BSDF, scene: str | Path, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
     start = time.perf_counter()
     loaded = scenes.load(scene, bsdf, resolution=resolution, spp=spp)
-    np.array(mi.render(loaded, spp=_WARM_UP_SPP, seed=seed))  # the copy waits for the kernels
+    np.array(mi.render(loaded, spp=_WARM_UP_SPP, seed=mi.UInt32(seed)))  # the copy waits for the kernels
     cold = time.perf_counter() - start
     start = time.perf_counter()
-    image = np.array(mi.render(loaded, spp=spp, seed=seed))
+    image = np.array(mi.render(loaded, spp=spp, seed=mi.UInt32(seed)))
     seconds = time.perf_counter() - start
     traced = loaded.sensors()[0].sampler().sample_count()  # spp, rounded up where the sampler needs it
     rate = resolution**2 * traced / seconds / 1e6
     return image, {"render_seconds_cold": cold, "render_seconds": seconds, "mpaths_per_s": rate}
 
 
-def _write_exr(image, path):
+def _write_exr(image: np.ndarray, path: Path) -> None:
     with replacing(path) as temporary:
         mi.Bitmap(image.astype(np.float32)).write(temporary)
 
 
-def _file_name(label):
+def _file_name(label: str) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_").lower()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 
+from ..numerics.arrays import vector3f
+
 
 def reflectance(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-    """The other way: f_r in 1/sr of any BSDF, linear RGB, (N, 3), for unit vectors (N, 3) above the horizon.
+    """Return f_r in 1/sr of any BSDF, linear RGB, (N, 3), for unit vectors (N, 3) above the horizon.
 
     Examples
     --------
@@ -16,5 +18,5 @@ def reflectance(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     array([[0.1592, 0.1592, 0.1592]])
     """
     si = mi.SurfaceInteraction3f()
-    si.wi, light = (mi.Vector3f(np.ascontiguousarray(np.asarray(w, np.float32).T)) for w in (wi, wo))
-    return np.array(bsdf.eval(mi.BSDFContext(), si, light)).T / wo[:, 2:]
+    si.wi = vector3f(wi)
+    return np.array(bsdf.eval(mi.BSDFContext(), si, vector3f(wo))).T / wo[:, 2:]

@@ -7,7 +7,9 @@ same scene, the parsed XML gets a ready BSDF instead of the node with ``id="mate
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 
@@ -16,7 +18,9 @@ from ..system.checks import positive_int
 from ..system.variants import require_variant
 
 
-def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
+def load(
+    scene: str | Path, bsdf: dict | mi.BSDF, *, resolution: int = 256, spp: int = 64, max_depth: int = 6
+) -> mi.Scene:
     """Load a scene and put `bsdf` in the place of its material.
 
     Parameters
@@ -49,14 +53,14 @@ def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
     >>> mi.render(ball).shape
     (16, 16, 3)
     """
-    where = f'scene.load("{scene}")'
+    where = f'scenes.load("{scene}")'
     require_variant(where)
     given = {"resolution": resolution, "spp": spp, "max_depth": max_depth}
     numbers = {name: positive_int(value, name, where) for name, value in given.items()}
     path = _path(scene, where)
     bsdf = mi.load_dict(bsdf) if isinstance(bsdf, dict) else bsdf
 
-    config = mi.parser.ParserConfig(mi.variant())
+    config = mi.parser.ParserConfig(mi.variant() or "")
     config.unused_parameters = mi.LogLevel.Debug  # a scene of one's own need not have $material
     # Merging shapes would order the emitters by chance at each load, and with them the noise of a given seed.
     config.merge_meshes = config.merge_equivalent = False
@@ -72,17 +76,18 @@ def load(scene, bsdf, *, resolution=256, spp=64, max_depth=6):
                 node.props[key] = bsdf
 
     # Mitsuba's own load_file also looks for meshes and textures beside the scene, and only while loading.
-    before = mi.file_resolver()
+    mitsuba: Any = mi  # its stubs do not type these functions
+    before = mitsuba.file_resolver()
     resolver = mi.FileResolver(before)
     resolver.prepend(str(path.parent))
-    mi.set_file_resolver(resolver)
+    mitsuba.set_file_resolver(resolver)
     try:
-        return mi.parser.instantiate(config, state)
+        return mitsuba.parser.instantiate(config, state)
     finally:
-        mi.set_file_resolver(before)
+        mitsuba.set_file_resolver(before)
 
 
-def shader_ball(bsdf, *, resolution=256, spp=64):
+def shader_ball(bsdf: dict | mi.BSDF, *, resolution: int = 256, spp: int = 64) -> mi.Scene:
     """Load the Standard Shader Ball with `bsdf` on it: short for ``load("shader_ball", ...)``.
 
     Examples
@@ -93,7 +98,7 @@ def shader_ball(bsdf, *, resolution=256, spp=64):
     return load("shader_ball", bsdf, resolution=resolution, spp=spp)
 
 
-def spheres(bsdfs, *, resolution=256, spp=64, max_depth=6):
+def spheres(bsdfs: Sequence[dict | mi.BSDF], *, resolution: int = 256, spp: int = 64, max_depth: int = 6) -> mi.Scene:
     """Load a scene of spheres side by side in the room of ``"sphere_envmap"``, each with a material of its own.
 
     Parameters
@@ -149,7 +154,7 @@ def spheres(bsdfs, *, resolution=256, spp=64, max_depth=6):
     )
 
 
-def _path(scene, where):
+def _path(scene: str | Path, where: str) -> Path:
     if Path(scene).suffix != ".xml":
         return scene_file(f"{scene}.xml")
     if not Path(scene).is_file():

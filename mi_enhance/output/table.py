@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..system.files import replacing
 
+Rows = Sequence[Mapping[str, Any]]
+Columns = Mapping[str, tuple[str, str]]
+
 # key of a row: (header, format); a column is shown where some row has the key
-COLUMNS = {
+COLUMNS: Columns = {
     "material": ("material", ""),
     "label": ("model", ""),
     "log_l1": ("log-L1", ".4f"),
@@ -22,7 +27,7 @@ COLUMNS = {
 }
 
 
-def print_table(rows, columns=None, *, title=None):
+def print_table(rows: Rows, columns: Columns | None = None, *, title: str | None = None) -> None:
     """Print rows on the terminal.
 
     Parameters
@@ -35,45 +40,38 @@ def print_table(rows, columns=None, *, title=None):
 
     Examples
     --------
-    >>> print_table([{"label": "GGX", "ssim": 0.9812}])  # doctest: +SKIP
-     model   SSIM
-     GGX    0.9812
+    >>> print_table([{"label": "GGX", "ssim": 0.9812}])
+    model      SSIM
+    -------  ------
+    GGX      0.9812
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    headers, lines = cells(rows, columns)
-    table = Table(title=title, title_justify="left", box=box.SIMPLE)
-    for header, is_number in zip(headers, _numeric(rows, columns), strict=True):
-        table.add_column(header, justify="right" if is_number else "left", no_wrap=True)
-    for line in lines:
-        table.add_row(*line)
-    # Rich shortens cells to fit 80 columns, also into a pipe; a number cut off is worse than a wrapped line.
-    console = Console()
-    unlimited = console.options.update(max_width=10_000)
-    console.width = max(console.width, console.measure(table, options=unlimited).maximum)
-    console.print(table)
+    print("\n".join([*([title] if title else []), _as_text(rows, columns, "simple")]))
 
 
-def markdown(rows, columns=None):
+def markdown(rows: Rows, columns: Columns | None = None) -> str:
     """Return rows as a Markdown table.
 
     Examples
     --------
     >>> print(markdown([{"label": "GGX", "ssim": 0.98123}, {"label": "enhanced", "ssim": None}]))
-    | model | SSIM |
-    |---|---:|
-    | GGX | 0.9812 |
-    | enhanced | – |
+    | model    |   SSIM |
+    |:---------|-------:|
+    | GGX      | 0.9812 |
+    | enhanced |      – |
     """
+    return _as_text(rows, columns, "pipe")
+
+
+def _as_text(rows: Rows, columns: Columns | None, style: str) -> str:
+    from tabulate import tabulate
+
     headers, lines = cells(rows, columns)
-    rule = ["---:" if is_number else "---" for is_number in _numeric(rows, columns)]
-    table = [headers, rule, *lines]
-    return "\n".join(f"|{'|'.join(line)}|" if line is rule else f"| {' | '.join(line)} |" for line in table)
+    sides = ["right" if form else "left" for _, form in _present(rows, columns).values()]  # numbers have a format
+    # a format for numbers would undo ours
+    return tabulate(lines, headers, tablefmt=style, colalign=sides if lines else None, disable_numparse=True)
 
 
-def write_table(rows, stem, columns=None):
+def write_table(rows: Rows, stem: str | Path, columns: Columns | None = None) -> dict[str, Path]:
     """Write ``<stem>.csv`` and ``<stem>.json`` (every key, every digit) and ``<stem>.md`` (as printed).
 
     Parameters
@@ -104,7 +102,7 @@ def write_table(rows, stem, columns=None):
     return paths
 
 
-def cells(rows, columns):
+def cells(rows: Rows, columns: Columns | None) -> tuple[list[str], list[list[str]]]:
     """Return the headers, and the cells of each row as text; see `print_table`."""
     columns = _present(rows, columns)
     lines = [
@@ -113,9 +111,5 @@ def cells(rows, columns):
     return [header for header, _ in columns.values()], lines
 
 
-def _numeric(rows, columns):
-    return [bool(form) for _, form in _present(rows, columns).values()]
-
-
-def _present(rows, columns):
+def _present(rows: Rows, columns: Columns | None) -> Columns:
     return columns or {key: value for key, value in COLUMNS.items() if any(key in row for row in rows)}

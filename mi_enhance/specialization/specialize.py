@@ -12,8 +12,6 @@ import time
 
 import numpy as np
 
-from ..analytic import parameters
-from ..analytic.graph import Node
 from ..data.directions import sample_pairs
 from ..data.measurements import Measurements
 from ..fitting.fit import fit
@@ -23,9 +21,10 @@ from ..material.reports import SpecializeReport
 from ..neural import inputs as inputs_module
 from ..neural.distilled_network import DistilledNetwork
 from ..neural.enhanced_brdf import EnhancedBRDF
+from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import distillation, pruning
-from .factor_problem import _Problem
+from .factor_problem import FactorProblem, factors_of
 
 SHARED = "ggx2_small"  # the network that textured materials get
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
@@ -49,20 +48,21 @@ def specialize(
     size: int | None = None,
     textured: bool = False,
     seed: int = 0,
+    progress: Callback = silent,
 ) -> Material:
-    """The same material with a small network of its own, several times cheaper to render.
+    """Return the same material with a small network of its own, several times cheaper to render.
 
     Parameters
     ----------
     material : Material
         With networks. It is kept: ``specialize(m).unspecialized`` is `m` again.
     measurements : Measurements, optional
-        What it was fitted to: the small network then goes on to follow them, and may become more accurate than the
-        networks it comes from.
+        The measurements it was fitted to. The small network then follows them, and may become more accurate than the
+        modules it comes from.
     max_error : float
         Largest mean absolute difference of log(1 + f cos) to the exact material, over random pairs of directions
-        (:func:`mi_enhance.data.directions.sample_pairs`); with measurements the most by which the error against them may
-        grow, over those of them that were not learned.
+        (:func:`mi_enhance.data.directions.sample_pairs`); with measurements the largest growth of the error against
+        those of them that were not learned.
     size : int, optional
         Hidden units of both layers, in place of the cheapest of `SIZES` that is good enough: for curves of error over
         run time. `max_error` then decides nothing.
@@ -72,15 +72,15 @@ def specialize(
         `size` then decide nothing, and the exact material is not kept.
     seed : int
         Of directions and first weights.
+    progress : callable
+        Hears of every size that was tried, with its ``error``; see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
     Material
         With the cheapest network whose error is small enough; if there is none, with the exact networks without the
-        units that are linear for this material. `report` has, besides, ``specialize_network`` (its sizes),
-        ``specialize_error`` (difference to the exact material), ``specialize_max_error``, ``specialize_multiply_adds``,
-        ``specialize_multiply_adds_exact``, ``specialize_seconds``; with measurements ``specialize_log_l1`` and
-        ``specialize_log_l1_exact``.
+        units that are linear for this material. Its `report` also holds the entries of a
+        :class:`mi_enhance.material.reports.SpecializeReport`.
 
     Raises
     ------
@@ -105,18 +105,20 @@ def specialize(
     material = material.unspecialized
     if textured:
         return _shared(material, measurements, seed, start)
-    slots = _factors(material.brdf)
-    training = _Problem(material, slots, *sample_pairs(_TRAINING, seed=seed + 1, min_cos=_MIN_COS))
-    validation = _Problem(material, slots, *sample_pairs(_VALIDATION, seed=seed + 2))
+    slots = factors_of(material.brdf)
+    training = FactorProblem(material, slots, *sample_pairs(_TRAINING, seed=seed + 1, min_cos=_MIN_COS))
+    validation = FactorProblem(material, slots, *sample_pairs(_VALIDATION, seed=seed + 2))
     learned, held_out = _measured(material, slots, measurements, seed) if measurements else (None, None)
     chosen = False
+    compact: tuple[DistilledNetwork, ...] = ()
     sizes = (size,) if size else SIZES
-    for larger, units in zip(range(len(sizes) - 1, -1, -1), sizes, strict=True):
+    for k, units in enumerate(sizes):
         compact = (_learn(training, learned, units, np.random.default_rng(seed)),)
         error = validation.error(compact)
         grown = held_out.error(compact) - held_out.error() if held_out else error
+        progress(Progress(f"network {units}-{units}", k + 1, len(sizes), {"error": grown}))
         chosen = size is not None or grown <= max_error
-        if chosen or grown > max_error * _AT_BEST**larger:
+        if chosen or grown > max_error * _AT_BEST ** (len(sizes) - 1 - k):
             break
     network = "-".join(map(str, compact[0].sizes))
     if not chosen:
@@ -133,7 +135,7 @@ def specialize(
 def _specialized(
     material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: SpecializeReport
 ) -> Material:
-    """The material with another BRDF, and a report of what that costs."""
+    """Return the material with another BRDF, and a report of its cost."""
     report: SpecializeReport = {
         "specialize_network": network,
         "specialize_error": error,
@@ -144,8 +146,10 @@ def _specialized(
     return dataclasses.replace(material, brdf=brdf, report={**material.report, **report, **more})
 
 
-def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.random.Generator) -> DistilledNetwork:
-    """A network with two layers of `units` hidden units."""
+def _learn(
+    training: FactorProblem, learned: FactorProblem | None, units: int, rng: np.random.Generator
+) -> DistilledNetwork:
+    """Return a network with two layers of `units` hidden units."""
     spread = {name: v.std() for name, v in training.features.items()}
     inputs = tuple(name for name in _INPUTS if spread.get(name, 0) > _MIN_SPREAD)
     x = training.columns(inputs)
@@ -153,8 +157,8 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
     x, sizes = (x - mean) / std, (len(inputs), units, units, len(training.slots))
     trials = []
     for _ in range(_STARTS):
-        layers = distillation.first(sizes, np.median(training.logs, 0), rng)
-        trials.append(distillation.train(layers, x[:_FEW], training.of_factors, steps=15))
+        first = distillation.first(sizes, np.median(training.logs, 0), rng)
+        trials.append(distillation.train(first, x[:_FEW], training.of_factors, steps=15))
     layers, _ = distillation.train(min(trials, key=lambda t: t[1])[0], x, training.of_factors, steps=40)
     if learned:
         layers, _ = distillation.train(layers, (learned.columns(inputs) - mean) / std, learned.of_truth, steps=20)
@@ -162,7 +166,7 @@ def _learn(training: _Problem, learned: _Problem | None, units: int, rng: np.ran
 
 
 def _shared(material: Material, measurements: Measurements | None, seed: int, start: float) -> Material:
-    """The small shared network fitted to the measurements, else to the material."""
+    """Return the small shared network, fitted to the measurements, else to the material."""
     wi, wo = sample_pairs(_VALIDATION, seed=seed)
     f = material.evaluate(wi, wo)
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
@@ -174,18 +178,21 @@ def _shared(material: Material, measurements: Measurements | None, seed: int, st
     return _specialized(small, small.brdf, SHARED, error, start, more)
 
 
-def _measured(material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int):
-    """The measurements in two parts, one to learn and one to judge by."""
+def _measured(
+    material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int
+) -> tuple[FactorProblem, FactorProblem]:
+    """Return the measurements in two parts, one to learn and one to judge by."""
     order = np.random.default_rng(seed).permutation(len(measurements.f))
     n = min(2 * _TRAINING, len(order) // 2)
-    return tuple(
-        _Problem(material, slots, measurements.wi[k], measurements.wo[k], measurements.f[k])
+    learned, held_out = (
+        FactorProblem(material, slots, measurements.wi[k], measurements.wo[k], measurements.f[k])
         for k in (order[:n], order[n : n + _VALIDATION])
     )
+    return learned, held_out
 
 
-def _pruned(material: Material, training: _Problem) -> tuple[DistilledNetwork, ...]:
-    """The exact networks without linear units; none where there are operators, or inputs of another kind."""
+def _pruned(material: Material, training: FactorProblem) -> tuple[DistilledNetwork, ...]:
+    """Return the exact modules without linear units; none where there are operators, or inputs of another kind."""
     brdf = material.brdf
     if brdf.inputs != "shape" or not set(training.slots) <= set(brdf.modules):
         return ()
@@ -198,29 +205,3 @@ def _pruned(material: Material, training: _Problem) -> tuple[DistilledNetwork, .
         *hidden, (w, b) = pruning.fold(brdf.modules[slot], constant)
         result.append(pruning.prune(slot, [*hidden, (w, b + material.params[f"norm_{slot}"])], inputs))
     return tuple(result)
-
-
-def _factors(brdf: EnhancedBRDF) -> tuple[str, ...]:
-    """The slots that one small network can stand in for: of each additive term what holds all its networks."""
-    colours = parameters.colours(brdf.model.parameters)
-    wanted = {slot for slot, mlp in brdf.modules.items() if mlp.varies}
-    result = _covers(brdf.model.graph, wanted)
-    for node in result:
-        if node.reads(colours):
-            raise ValueError(
-                f"specialize(): a network of {brdf} sees colours ({node.name}), so none of the directions alone can "
-                "stand in for it. Specialize a material whose networks see none, such as one of ggx2."
-            )
-    if not result:
-        raise ValueError(f"specialize(): {brdf} has no network of the directions: there is nothing to be made cheaper.")
-    return tuple(node.name for node in result)
-
-
-def _covers(node: Node, wanted: set[str]) -> list[Node]:
-    """The smallest subgraphs that hold all of `wanted`: one for each operand of a sum."""
-    if not wanted & set(node.slots):
-        return []
-    if not node.args or node.name in wanted:
-        return [node]
-    parts = [part for a in node.args for part in _covers(a, wanted)]
-    return parts if node.symbol == "+" or len(parts) < 2 else [node]

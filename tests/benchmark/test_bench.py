@@ -38,6 +38,7 @@ def test_nbrdf_in_drjit_is_the_reader_s(llvm):
     np.testing.assert_allclose(ours, nbrdf.decode(network, wi, wo), rtol=2e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_residual_network_is_better_than_what_it_is_added_to(llvm):
     m = data.load(FILE, n_samples=6000)
     unseen = data.load(FILE, n_samples=3000, seed=1)
@@ -59,6 +60,7 @@ def test_a_bsdf_of_mitsuba_is_found_again(llvm):
     np.testing.assert_allclose(spec["specular_reflectance"]["value"], [0.7, 0.4, 0.2], atol=5e-3)
 
 
+@pytest.mark.slow
 def test_principled_fits_paint_better_than_a_conductor(llvm):
     m = data.load(FILE, n_samples=4000)
     errors = {}
@@ -83,6 +85,7 @@ def test_spheres(llvm):
     assert np.isfinite(image).all() and image.std() > 0
 
 
+@pytest.mark.slow
 def test_specialized_of_a_given_size(llvm):
     m = me.specialize(Material.pretrained("ggx").edit(rho_s=0.5), size=4)
     assert m.brdf.distilled[0].sizes[1:-1] == (4, 4)
@@ -95,7 +98,11 @@ def test_settings_of_another_run_are_refused(llvm, tmp_path):
 
     (tmp_path / "settings.json").write_text('{"samples": 7, "seed": 0}')
     with pytest.raises(ValueError, match="other settings"):
-        bench([FILE], tmp_path, samples=1000)
+        bench([FILE], tmp_path, n_samples=1000)
+    with pytest.raises(ValueError, match="other settings"):
+        bench([FILE], tmp_path, model=Material.pretrained("ggx"))
+    with pytest.raises(ValueError, match="has no networks. Give an enhanced model"):
+        bench([FILE], tmp_path / "new", model=Material.analytic("ggx"))
     with pytest.raises(ValueError, match="all different"):
         bench([FILE, FILE], tmp_path)
 
@@ -111,13 +118,13 @@ def rows():
 
 
 def test_plot_and_page(tmp_path):
-    from mi_enhance.benchmark.benchmark import COLUMNS
+    from mi_enhance.benchmark.benchmark import COLUMNS, BenchReport
     from mi_enhance.benchmark.growth import GROWTH_COLUMNS
     from mi_enhance.benchmark.page import draw_pareto, write_page
 
     draw_pareto(list(rows()), tmp_path / "pareto.png", title="x")
-    result = {"machine": {"cpu": "c"}, "materials": ["felt"], "rows": list(rows()), "growth": []}
-    write_page(result, tmp_path / "index.html", COLUMNS, {k: GROWTH_COLUMNS[k] for k in ("what", "value")})
+    report = BenchReport({"cpu": "c"}, ["felt"], list(rows()), [], {})
+    write_page(report, tmp_path / "index.html", COLUMNS, {k: GROWTH_COLUMNS[k] for k in ("what", "value")})
     text = (tmp_path / "index.html").read_text()
     assert "GGX &lt;b&gt;" in text and "felt/comparison.png" in text and "data:image/png;base64," in text
 

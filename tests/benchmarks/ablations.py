@@ -8,7 +8,7 @@ has a folder below ``-o`` and goes on where it stopped. Writes ``ablations.csv``
 
 from __future__ import annotations
 
-import argparse
+import dataclasses
 import json
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
@@ -17,8 +17,8 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish, folder_name
 from residual_model import LARGE, SMALL, with_residual
 
 from mi_enhance import data, models
@@ -26,7 +26,6 @@ from mi_enhance.benchmark.timing import machine
 from mi_enhance.fitting.fit import fit
 from mi_enhance.hypercube import candidate, judging, setup
 from mi_enhance.hypercube.search import search
-from mi_enhance.hypercube.settings import DEFAULTS
 from mi_enhance.material.material import Material
 from mi_enhance.output.figure import sheet
 from mi_enhance.output.table import write_table
@@ -77,7 +76,7 @@ def rows(model: str, found: list[str]) -> dict[str, dict]:
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--model", default="ggx", help="analytic model (default: %(default)s)")
     parser.add_argument("--only", action="append", help="a variant; repeatable (default: all but distance 2)")
     parser.add_argument(
@@ -88,7 +87,6 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=20_000, help="per RGL file (default: %(default)s)")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("-o", "--output", default="out/ablations", help="folder (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
@@ -108,7 +106,7 @@ def main() -> None:
             print(results[-1], flush=True)
             write_table(results, Path(args.output) / "ablations", _COLUMNS)
     _plot(results, Path(args.output) / "ablations.png")
-    finish(
+    common.finish(
         results, _COLUMNS, title=f"{args.model}, {args.epochs:g} epochs between changes", about=about, as_json=args.json
     )
 
@@ -150,9 +148,10 @@ class Run:
         """The analytic model with a residual network, trained with the same samples and number of steps."""
         folder = self._folder(name)
         shared = setup.Setup.of(self._folder("search"))
-        settings = {**DEFAULTS, "batch": 32, "steps": round(self.epochs * shared.steps / self.args.epochs)}
+        steps = round(self.epochs * shared.steps / self.args.epochs)
+        settings = dataclasses.replace(shared.training(0), batch=32, steps=steps)
         samples, aside = shared.samples
-        brdf = with_residual(self.args.model, RESIDUALS[name], n_latent=settings["n_latent"])
+        brdf = with_residual(self.args.model, RESIDUALS[name], n_latent=shared.settings.n_latent)
         start = analytic_start(brdf, samples, folder.with_suffix(".npz"))
         folder.mkdir(exist_ok=True)
         trainer = Trainer(brdf, samples, settings, start)
@@ -171,7 +170,7 @@ class Run:
         return row | self._rgl(Material(brdf, {}, library=values[representative(samples.kinds)]), folder)
 
     def _folder(self, name: str) -> Path:
-        return Path(self.args.output) / folder_name(f"{self.args.model} {name}")
+        return Path(self.args.output) / common.folder_name(f"{self.args.model} {name}")
 
     def _rgl(self, network: Material, folder: Path) -> dict:
         """Mean error of fits to measured files, kept beside the run."""

@@ -20,16 +20,15 @@ fits and renders, from which an interrupted run goes on.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
 import rivals
 import tabulated
-from common import averaged, finish
 
 from mi_enhance import data
 from mi_enhance.benchmark.timing import machine
@@ -38,7 +37,6 @@ from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name, replacing
 
-_ROOT = Path(__file__).resolve().parents[2]
 _MAX_ANGLE = 80  # degrees
 _ERRORS = {
     "log_l1": "as rendered",
@@ -74,7 +72,7 @@ _MATERIALS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     rivals.add_options(parser)
     parser.add_argument("--nbrdf", metavar="NPZ", help="the authors' NBRDF networks of RGL materials")
@@ -90,7 +88,7 @@ def main() -> None:
     contenders += [rivals.nbrdf_authors(args.nbrdf)] if args.nbrdf else []
     contenders += [rivals.nps_authors(args.nps)] if args.nps else []
     rows = []
-    for path in args.data or sorted((_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf")):
+    for path in common.rgl_files(args.data):
         print(material_name(path), flush=True)
         rows += _material(args, path, contenders)
     write_table(rows, Path(args.output) / "materials", _MATERIALS)
@@ -100,7 +98,7 @@ def main() -> None:
     write_table(summary, Path(args.output) / "accuracy", _SUMMARY)
     title = f"log-L1, {args.samples:,} samples, {args.method}, mean of {len(rows) // len(contenders)} materials"
     print_table(*_ratios(rows), title=f"Ratio to GGX, {_ERRORS[_JUDGED]}")
-    finish(summary, _SUMMARY, title=title, about=about, as_json=args.json)
+    common.finish(summary, _SUMMARY, title=title, about=about, as_json=args.json)
 
 
 def _material(args, path, contenders: list[rivals.Rival]) -> list[dict]:
@@ -179,7 +177,7 @@ def errors(evaluate, measurements: data.Measurements, path) -> dict:
     """The four errors of a model on the samples of an RGL file."""
     wi, wo = measurements.wi, measurements.wo
     cos_i, cos_o = wi[:, 2:], wo[:, 2:]
-    reciprocal = averaged(measurements, path)
+    reciprocal = common.averaged(measurements, path)
     f = evaluate(wi, wo)
     below = np.minimum(cos_i, cos_o)[:, 0] > np.cos(np.deg2rad(_MAX_ANGLE))
     return {

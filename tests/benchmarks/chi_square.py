@@ -7,14 +7,13 @@ are held to 1 % (Sidak's correction): a run without a mistake fails once in a hu
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish, shipped
 
 from mi_enhance import data, fit
 from mi_enhance.benchmark.timing import machine
@@ -38,17 +37,16 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("files", nargs="*", help="RGL .bsdf, fitted and tested, too")
     parser.add_argument("--samples", type=int, default=200_000, help="of each test (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     from tqdm import tqdm
 
     mi.set_variant("llvm_ad_rgb")
     about = machine()
-    materials = {name: variations(shipped) for name, shipped in shipped().items()}
+    materials = {name: variations(shipped) for name, shipped in common.shipped().items()}
     for file in args.files:
         materials[material_name(file)] = [fit(Material.pretrained(), data.load(file))]
     count = len(_DEGREES) * sum(len(group) for group in materials.values())
@@ -68,7 +66,7 @@ def main() -> None:
     total = {key: sum(row[key] for row in rows) for key in ("configurations", "failed")}
     rows.append({"material": "all", **total, "p_value": min(row["p_value"] for row in rows)})
     about["least p-value allowed"] = f"{1 - 0.99 ** (1 / count):.1e}"
-    finish(rows, _COLUMNS, title="Chi-square", about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title="Chi-square", about=about, as_json=args.json)
     raise SystemExit(total["failed"] > 0)
 
 

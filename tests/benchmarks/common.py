@@ -1,8 +1,26 @@
-"""What the benchmarks share: names of folders, what is shipped, a reciprocal truth, the end of a run."""
+"""Code that the benchmarks share: arguments, bundled data, names of folders, a reciprocal truth, the end of a run."""
 
 from __future__ import annotations
 
+import argparse
 import json
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+BUNDLED = ROOT / "mi_enhance/bundled"
+
+
+def parser(description: str) -> argparse.ArgumentParser:
+    """The command line of a benchmark, with the options that all have."""
+    result = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result.add_argument("--json", action="store_true", help="print one JSON object last")
+    return result
+
+
+def rgl_files(given: Sequence[str]) -> list[Path]:
+    """The files given, else the bundled ones."""
+    return [Path(name) for name in given] or sorted((BUNDLED / "rgl").glob("*.bsdf"))
 
 
 def folder_name(label: str) -> str:

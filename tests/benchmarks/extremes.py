@@ -8,7 +8,6 @@ not finite, or a value below 0, among all evaluations. Cases and materials are t
 
 from __future__ import annotations
 
-import argparse
 import functools
 import sys
 from pathlib import Path
@@ -16,8 +15,8 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish
 
 from mi_enhance.benchmark.timing import machine
 from mi_enhance.neural import cooperative
@@ -45,12 +44,11 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--evaluations", type=float, default=1e7, help="of the hunt, in all (default: %(default)g)")
     parser.add_argument("--samples", type=int, default=5000, help="compared with the twin, each case and material")
     parser.add_argument("--gradients", type=int, default=300, help="of these, with all derivatives")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = {**machine(), "evaluations": 0, "compared": 0}
@@ -74,7 +72,7 @@ def main() -> None:
                 row["evaluations"] += n
                 about["evaluations"] += n
     order = [rows[case, kind] for kind in ("analytic", "networks", "saturated") for case in cases.CASES]
-    finish(order, _COLUMNS, title="Extremes: errors relative to the twin", about=about, as_json=args.json)
+    common.finish(order, _COLUMNS, title="Extremes: errors relative to the twin", about=about, as_json=args.json)
     raise SystemExit(any(row["bad"] for row in order))
 
 

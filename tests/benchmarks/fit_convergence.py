@@ -7,16 +7,15 @@ all samples, as the paper does. Every method runs twice: the second run counts, 
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import drjit as dr  # isort: skip
+import common
 import mitsuba as mi
 import numpy as np
-from common import finish
 from drjit.opt import Adam, RMSProp
 from scipy.optimize import minimize
 
@@ -28,7 +27,6 @@ from mi_enhance.fitting.rmsprop import descend
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 from mi_enhance.output.figure import sheet
 
-_ROOT = Path(__file__).resolve().parents[2]
 _OPTIMISERS = {
     "RMSProp (the paper)": lambda p: RMSProp(lr=1e-3, alpha=0.9, params=p),
     "Adam": lambda p: Adam(lr=1e-2, params=p),
@@ -44,12 +42,11 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="?", default=str(_ROOT / "mi_enhance/bundled/rgl/ilm_solo_m_68_rgb.bsdf"))
+    parser = common.parser(__doc__)
+    parser.add_argument("data", nargs="?", default=str(common.BUNDLED / "rgl/ilm_solo_m_68_rgb.bsdf"))
     parser.add_argument("--samples", type=float, nargs="+", default=[1e3, 1e4, 1e5, 1e6])
     parser.add_argument("--steps", type=int, default=1000, help="of RMSProp and Adam (default: %(default)s)")
     parser.add_argument("-o", "--output", default="out/fit_convergence", help="folder of the picture")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about, rows, curves = machine("scipy"), [], {}
@@ -66,7 +63,7 @@ def main() -> None:
             )
     Path(args.output).mkdir(parents=True, exist_ok=True)
     _draw(curves, Path(args.output) / "fit_convergence.png")
-    finish(rows, _COLUMNS, title=Path(args.data).stem, about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title=Path(args.data).stem, about=about, as_json=args.json)
 
 
 def _methods(measurements, steps: int) -> dict:

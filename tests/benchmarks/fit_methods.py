@@ -15,14 +15,14 @@ import sys
 import tempfile
 from pathlib import Path
 
+import common
+
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
-from common import finish
 
 from mi_enhance.benchmark.timing import clock, machine
 
-_ROOT = Path(__file__).resolve().parents[2]
 _COLUMNS = {
     "material": ("material", ""),
     "loss_lm": ("log-L1, LM", ".5f"),
@@ -38,7 +38,7 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("data", nargs="*", help="measured files (default: mi_enhance/bundled/rgl/*.bsdf)")
     parser.add_argument("--network", help="network to fit (default: the shipped one)")
     parser.add_argument("--samples", type=int, default=100_000)
@@ -47,16 +47,17 @@ def main() -> None:
         "--cold-of", type=int, default=1, help="files whose cold seconds are taken (default: %(default)s)"
     )
     parser.add_argument("--method", help=argparse.SUPPRESS)  # one cold fit, in the child process
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
-    args.data = args.data or sorted(map(str, (_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf")))
+    args.data = list(map(str, common.rgl_files(args.data)))
     mi.set_variant("llvm_ad_rgb")
     if args.method:
         print(json.dumps(_fit(args, args.data[0], args.method)))
         return
     about = machine()
     rows = [_row(args, path, cold=k < args.cold_of) for k, path in enumerate(args.data)]
-    finish([*rows, _mean(rows)], _COLUMNS, title=f"Fits of {args.samples:,} samples", about=about, as_json=args.json)
+    common.finish(
+        [*rows, _mean(rows)], _COLUMNS, title=f"Fits of {args.samples:,} samples", about=about, as_json=args.json
+    )
 
 
 def _row(args, path: str, cold: bool) -> dict:

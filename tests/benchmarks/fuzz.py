@@ -15,8 +15,8 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish
 
 from mi_enhance.benchmark.timing import machine, peak_megabytes
 
@@ -38,11 +38,10 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--inputs", type=int, default=1000, help="for each reader; MERL, 35 MB each, has a fiftieth")
     parser.add_argument("--readers", nargs="+", default=list(fuzzing.READERS), choices=list(fuzzing.READERS))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     parser.add_argument("--child", help=argparse.SUPPRESS)  # the folder of a process that tries one reader
     args = parser.parse_args()
     if args.child:
@@ -54,7 +53,7 @@ def main() -> None:
     rows = [_row(reader, args) for reader in tqdm(args.readers, desc="readers")]
     total = {"reader": "all", **{k: sum(r[k] for r in rows) for k in ("tried", "read", "refused", "wrong", "crashes")}}
     total["megabytes"] = max(row["megabytes"] for row in rows)
-    finish([*rows, total], _COLUMNS, title="Damaged files", about=about, as_json=args.json)
+    common.finish([*rows, total], _COLUMNS, title="Damaged files", about=about, as_json=args.json)
     raise SystemExit(bool(total["wrong"] or total["crashes"]))
 
 

@@ -14,16 +14,15 @@ interrupted run goes on. With the folder of ``accuracy.py`` its fits are used ag
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
 import rivals
 from accuracy import errors
-from common import finish
 
 from mi_enhance import data
 from mi_enhance.benchmark.timing import machine
@@ -33,7 +32,6 @@ from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name
 
-_ROOT = Path(__file__).resolve().parents[2]
 _KINDS = (synthetic.ward_anisotropic, synthetic.beckmann_mixture)
 _FEW = 1000
 _RETRO = np.deg2rad(1.5)  # of theta_d: the two directions are at most twice that apart
@@ -53,7 +51,7 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     rivals.add_options(parser)
     parser.add_argument("--count", type=int, default=10, help="materials of each anisotropic kind (default: 10)")
@@ -71,14 +69,14 @@ def main() -> None:
     samples = []
     for case in _CASES:
         print(case, flush=True)
-        paths = args.data or sorted((_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf"))
+        paths = common.rgl_files(args.data)
         rows = [row for path in paths for row in _odd(args, case, path, models)]
         samples += [_mean(case, rows, rival.label) for rival in models]
     for name, rows in (("anisotropic", anisotropic), ("samples", samples)):
         write_table(rows, Path(args.output) / name, _present(rows))
     print_table(anisotropic, _present(anisotropic), title=f"Unseen anisotropic kinds, {args.count} materials each")
     title = f"Fits to few and odd samples of {len(paths)} RGL files"
-    finish(samples, _present(samples), title=title, about=about, as_json=args.json)
+    common.finish(samples, _present(samples), title=title, about=about, as_json=args.json)
 
 
 def _synthetic(args, measurements: data.Measurements, models: list[rivals.Rival]) -> list[dict]:

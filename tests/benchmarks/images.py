@@ -16,7 +16,6 @@ and for each material the loss against seconds of all models, into the folder of
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import time
@@ -25,8 +24,8 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish, folder_name
 
 from mi_enhance.analytic import parameters
 from mi_enhance.benchmark import mitsuba_bsdfs
@@ -40,7 +39,6 @@ from mi_enhance.material.material import Material
 from mi_enhance.output.table import write_table
 from mi_enhance.system.files import material_name, replacing
 
-_ROOT = Path(__file__).resolve().parents[2]
 # What cameras look at, from how far.
 _CAMERAS = {"shader_ball": ((0.0, 4.3, 0.0), 24.0), "sphere_envmap": ((0.0, 1.0, 0.0), 4.0)}
 _COLUMNS = {
@@ -62,7 +60,7 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     parser.add_argument("-m", "--network", default="ggx2", help="shipped network or .bsdf (default: %(default)s)")
     parser.add_argument("--scene", choices=_CAMERAS, default="shader_ball", help="of the fit; the other one is unseen")
@@ -77,7 +75,6 @@ def main() -> None:
     parser.add_argument("--restarts", type=float, metavar="SECONDS")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", default="out/images", help="folder (default: %(default)s)")
-    parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     args.stages = [tuple(int(n) for n in s.split(",")) for s in args.stages or ()] or fit_images.STAGES
     mi.set_variant("llvm_ad_rgb")
@@ -87,15 +84,15 @@ def main() -> None:
     if args.round_trip or args.restarts:
         row = round_trip(args, folder) if args.round_trip else restarts(args)
         columns = {key: (key.replace("_", " "), ".4g" if isinstance(v, float) else "") for key, v in row.items()}
-        finish([row], columns, title="Fits from photographs", about=about, as_json=args.json)
+        common.finish([row], columns, title="Fits from photographs", about=about, as_json=args.json)
         return
-    files = args.data or sorted((_ROOT / "mi_enhance/bundled/rgl").glob("*.bsdf"))
+    files = common.rgl_files(args.data)
     rows = []
     for file in files:
         rows += material_rows(args, Path(file), folder)
         write_table(rows + means(rows), folder / "images", _COLUMNS)
     title = f"{args.views} photographs of {args.resolution} x {args.resolution}, unseen views and light"
-    finish(rows + means(rows), _COLUMNS, title=title, about=about, as_json=args.json)
+    common.finish(rows + means(rows), _COLUMNS, title=title, about=about, as_json=args.json)
 
 
 # ---------------------------------------------------------------------- against measured materials
@@ -105,7 +102,7 @@ def material_rows(args, file: Path, folder: Path) -> list[dict]:
     """One row per model for one measured file; those that an earlier run has left are taken from its folder."""
     name, truth, rows, photos = material_name(file), {"type": "measured", "filename": str(file)}, [], None
     for label, model in MODELS.items():
-        kept = folder / f"{name}_{folder_name(label)}.json"
+        kept = folder / f"{name}_{common.folder_name(label)}.json"
         if not kept.exists():
             print(f"{name}: {label}", flush=True)
             if photos is None:
@@ -115,7 +112,7 @@ def material_rows(args, file: Path, folder: Path) -> list[dict]:
             with replacing(kept) as temporary:
                 Path(temporary).write_text(json.dumps(row))
         rows.append(json.loads(kept.read_text()))
-    curves = {label: folder / f"{name}_{folder_name(label)}_curve.json" for label in MODELS}
+    curves = {label: folder / f"{name}_{common.folder_name(label)}_curve.json" for label in MODELS}
     curves = {label: json.loads(path.read_text()) for label, path in curves.items()}
     pictures.draw_convergence(curves, folder / f"{name}_convergence.png")
     return with_ratios(rows)
@@ -171,7 +168,7 @@ def judge(args, model, photos: list, exact: list[np.ndarray], folder: Path, name
         row[f"{prefix}ssim"] = mean(image_metrics.ssim, pairs)
         row[f"{prefix}delta_E_ITP_1000"] = 1000 * mean(image_metrics.delta_E_ITP, pairs)
         row[f"{prefix}psnr"] = mean(image_metrics.psnr, pairs)
-    stem = folder / f"{name}_{folder_name(label)}"
+    stem = folder / f"{name}_{common.folder_name(label)}"
     pictures.draw_views(photos, found.renders, f"{stem}_views.png")
     with replacing(f"{stem}_curve.json") as temporary:
         Path(temporary).write_text(json.dumps(found.curve))

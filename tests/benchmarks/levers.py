@@ -8,14 +8,14 @@ from the analytic fit. Each run has a folder of its own below ``-o`` and goes on
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
+
+import common
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
-from common import finish, folder_name
 
 from mi_enhance.benchmark.timing import machine
 from mi_enhance.output.figure import sheet
@@ -79,11 +79,10 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--steps", type=int, default=2000)
     parser.add_argument("--only", action="append", choices=LEVERS, help="repeatable (default: all)")
     parser.add_argument("-o", "--output", default="out/levers", help="folder (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
@@ -91,12 +90,12 @@ def main() -> None:
     rows = [{"lever": name, **curve[-1]} for name, curve in curves.items()]
     write_table(rows, Path(args.output) / "levers", _COLUMNS)
     _plot(curves, Path(args.output) / "levers.png")
-    finish(rows, _COLUMNS, title=f"{args.steps} steps", about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title=f"{args.steps} steps", about=about, as_json=args.json)
 
 
 def _curve(name: str, args) -> list[dict]:
     """Records of one run, those that hold validation errors."""
-    folder = Path(args.output) / folder_name(name)
+    folder = Path(args.output) / common.folder_name(name)
     print(name, flush=True)
     train({**_BASE, "steps": args.steps, **LEVERS[name]}, folder, every=(args.steps // 4, 1))
     lines = (folder / "curve.jsonl").read_text().splitlines()

@@ -5,15 +5,13 @@ On stand-ins for MERL materials, both judged by the same unseen samples.
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+import common
 
 from mi_enhance import data
 from mi_enhance.benchmark.nbrdf import train_nbrdf
 from mi_enhance.data import nbrdf
 from mi_enhance.fitting.losses import log_l1
 
-_ROOT = Path(__file__).resolve().parents[2]
 _COLUMNS = {
     "material": ("material", ""),
     "authors": ("log-L1, authors", ".5f"),
@@ -29,19 +27,18 @@ def main() -> None:
 
     from mi_enhance.benchmark.timing import machine
 
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("materials", nargs="*", default=["gold-metallic-paint", "blue-acrylic", "red-phenolic"])
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--epochs", type=int, default=400)
     parser.add_argument("--learning-rate", type=float, default=1e-2)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     about = machine()
-    names, networks = nbrdf.read_networks(_ROOT / "mi_enhance/bundled/nbrdf/merl.npz")
+    names, networks = nbrdf.read_networks(common.BUNDLED / "nbrdf/merl.npz")
     rows = []
     for name in args.materials:
         seen, unseen = (
-            data.load(_ROOT / "mi_enhance/bundled/nps/merl.npz", material=name, n_samples=n, seed=seed)
+            data.load(common.BUNDLED / "nps/merl.npz", material=name, n_samples=n, seed=seed)
             for n, seed in ((args.samples, 0), (20_000, 1))
         )
         network, seconds = train_nbrdf(seen, epochs=args.epochs, learning_rate=args.learning_rate)

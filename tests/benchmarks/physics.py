@@ -8,7 +8,6 @@ alone and with neither.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 from pathlib import Path
@@ -16,9 +15,9 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import drjit as dr  # isort: skip
+import common
 import mitsuba as mi
 import numpy as np
-from common import averaged, finish, shipped
 
 from mi_enhance import data, fit
 from mi_enhance.analytic import parameters
@@ -52,20 +51,19 @@ _SMOOTHEST = 0.006  # of the roughnesses of OpenSVBRDF
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("files", nargs="*", help="RGL .bsdf")
     parser.add_argument("-o", "--output", default="out/physics", help="folder (default: %(default)s)")
     parser.add_argument("--edits", type=int, default=1000, help="random materials (default: %(default)s)")
     parser.add_argument("--samples", type=int, default=100_000, help="of each file (default: %(default)s)")
     parser.add_argument("--averaged", action="store_true", help="fit to the average of both orders of each pair")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     from tqdm import tqdm
 
     mi.set_variant("llvm_ad_rgb")
     about, rows = machine(), []
-    for name, material in tqdm(shipped().items(), desc="shipped"):
+    for name, material in tqdm(common.shipped().items(), desc="shipped"):
         bright = {p.name: 1.0 if p.name in ("F0", "rho_d") else p.high / 5 for p in material.brdf.model.parameters
                   if p.is_colour or p.name == "F0"}  # fmt: skip
         rows.append({"material": name, **_examine(material.edit(**bright, asymmetry=0.0)
@@ -92,7 +90,7 @@ def main() -> None:
     with replacing(folder / "physics.json") as temporary:
         Path(temporary).write_text(json.dumps({"machine": about, "rows": rows}, indent=1) + "\n")
     _draw(albedos, folder / "physics.png")
-    finish(rows, _COLUMNS, title="Reciprocity and energy", about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title="Reciprocity and energy", about=about, as_json=args.json)
 
 
 def _examine(material: Material) -> dict:
@@ -160,7 +158,7 @@ def _fitted(file: str, args) -> dict:
     """A file fitted freely, with `reciprocal`, and with both options."""
     measurements = data.load(file, n_samples=args.samples, seed=args.seed)
     if args.averaged:
-        measurements = dataclasses.replace(measurements, f=averaged(measurements, file))
+        measurements = dataclasses.replace(measurements, f=common.averaged(measurements, file))
     free = fit(Material.pretrained(), measurements, seed=args.seed)
     both = fit(Material.pretrained(), measurements, reciprocal=True, bound_energy=True, seed=args.seed)
     row = {"material": Path(file).stem.removesuffix("_rgb"), **_examine(both)}

@@ -6,15 +6,14 @@ candidates are worth. Writes ``planted.csv``, ``.json``, ``.md`` below ``-o``.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import drjit as dr  # isort: skip
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish, folder_name
 
 from mi_enhance import models
 from mi_enhance.benchmark.timing import machine
@@ -77,7 +76,7 @@ def first_change(slot: str, folder: Path, *, count: int, seed: int, **settings) 
     """The first stage of a search on planted materials, and what came second."""
     settings = {**SETTINGS, "max_modules": 1, "seed": seed, **settings}
     n = settings["n_samples"] + settings["n_aside"]
-    found = search("ggx", planted(slot, count, n, seed), folder, progress=False, **settings)
+    found = search("ggx", planted(slot, count, n, seed), folder, **settings)
     stage = found.stages[0]
     second = sorted(stage["candidates"], key=lambda row: row["score"])[1]
     return {
@@ -93,25 +92,24 @@ def first_change(slot: str, folder: Path, *, count: int, seed: int, **settings) 
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--only", action="append", choices=DEFECTS, help="repeatable (default: all)")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--count", type=int, default=8, help="materials (default: %(default)s)")
     parser.add_argument("--epochs", type=float, default=150, help="(default: %(default)s)")
     parser.add_argument("-o", "--output", default="out/planted", help="folder (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     rows = []
     for slot in args.only or DEFECTS:
         for seed in range(args.seeds):
-            name = folder_name(slot)
+            name = common.folder_name(slot)
             folder = Path(args.output) / f"{name}-{args.epochs:g}-{seed}"
             rows.append(first_change(slot, folder, count=args.count, seed=seed, epochs=args.epochs))
             print(rows[-1], flush=True)
     write_table(rows, Path(args.output) / "planted", _COLUMNS)
-    finish(rows, _COLUMNS, title="planted weaknesses", about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title="planted weaknesses", about=about, as_json=args.json)
 
 
 if __name__ == "__main__":

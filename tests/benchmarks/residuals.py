@@ -7,12 +7,12 @@ network, all with one scale. Right of the dashed line a direction can be beyond 
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
 import rivals
 
@@ -27,7 +27,7 @@ _PERCENTILE = 98  # end of the colour scale
 
 def main() -> None:
     """Draw the picture of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("data", help="measured file")
     parser.add_argument("--material", help="which one, for a file with several")
     rivals.add_options(parser)

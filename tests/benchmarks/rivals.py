@@ -93,7 +93,6 @@ def add_options(parser) -> None:
     parser.add_argument("--method", default="lm", choices=("lm", "rmsprop"))
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
 
 
 def nbrdf_trained(seed: int) -> Rival:

@@ -8,13 +8,13 @@ out of what sizes and settings are chosen on.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
+
+import common
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
-from common import finish
 
 from mi_enhance import Material, data, fit, specialize
 from mi_enhance.benchmark.timing import machine
@@ -22,7 +22,6 @@ from mi_enhance.evaluation.reflectance import reflectance
 from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import write_table
 
-_ROOT = Path(__file__).resolve().parents[2]
 _MATERIALS = ("gold-metallic-paint", "blue-metallic-paint", "red-fabric", "pink-plastic", "nickel", "alum-bronze")
 _ERRORS = (2e-3, 1e-3, 5e-4, 1e-9)  # the last is met by no network: the exact ones without linear units
 _COLUMNS = {
@@ -39,21 +38,20 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("names", nargs="*", default=_MATERIALS, help="MERL materials (default: six)")
     parser.add_argument("-o", "--output", default="out/specialized", help="folder (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     rows = [row for name in args.names for row in _material(name)]
     Path(args.output).mkdir(parents=True, exist_ok=True)
     write_table(rows, Path(args.output) / "specialized", _COLUMNS)
-    finish(rows, _COLUMNS, title="Specialized materials", about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title="Specialized materials", about=about, as_json=args.json)
 
 
 def _material(name: str) -> list[dict]:
-    measurements = data.load(_ROOT / "mi_enhance/bundled/nps/merl.npz", material=name)
+    measurements = data.load(common.BUNDLED / "nps/merl.npz", material=name)
     exact = fit(Material.pretrained(), measurements)
     forms = {"exact": exact, **{f"max error {e:g}": specialize(exact, max_error=e) for e in _ERRORS}}
     forms["refined on the measurements"] = specialize(exact, measurements)

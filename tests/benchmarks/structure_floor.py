@@ -15,22 +15,19 @@ but no structure is to be chosen by them.
 
 from __future__ import annotations
 
-import argparse
 from itertools import combinations
-from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish
 from scipy.optimize import minimize
 
 from mi_enhance import Material, data, fit
 from mi_enhance.benchmark.timing import machine
 from mi_enhance.training.sources import HELD_OUT_EVERY
 
-_ROOT = Path(__file__).resolve().parents[2]
 _SUBSET = 1500  # samples that the colours are found on; the floor is that of all
 _STARTS = 3
 # name: (is there a colour of scalar 1, colours with a free scalar, is white among the free ones)
@@ -54,12 +51,11 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("data", nargs="*", help="RGL .bsdf (default: the fifth of MERL kept aside)")
     parser.add_argument("--samples", type=int, default=10_000)
     parser.add_argument("--count", type=int, help="only so many materials (default: all)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about = machine()
@@ -78,7 +74,7 @@ def main() -> None:
         rows.append(row | {"worst_ratio": own[worst] / ggx[worst]})
         rows[-1]["ratio"] = rows[-1]["log_l1"] / float(np.mean(list(ggx.values())))
     title = f"Mean of {len(ggx)} materials, {args.samples:,} samples"
-    finish(rows, _COLUMNS, title=title, about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title=title, about=about, as_json=args.json)
 
 
 def floor(measurements, constant: bool, free: int, white: bool, seed: int = 0) -> float:
@@ -161,7 +157,7 @@ def _materials(args):
         for path in args.data[: args.count]:
             yield data.load(path, n_samples=args.samples, seed=args.seed)
         return
-    path = _ROOT / "mi_enhance/bundled/nps/merl.npz"
+    path = common.BUNDLED / "nps/merl.npz"
     for name in data.names(path)[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY][: args.count]:
         yield data.load(path, material=name, n_samples=args.samples, seed=args.seed)
 

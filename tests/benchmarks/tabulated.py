@@ -8,12 +8,12 @@ Run as a script it renders a GGX and its table, and prints how far they are apar
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import drjit as dr  # isort: skip
+import common
 import mitsuba as mi
 import numpy as np
 from mi_enhance.bsdfs.function import function_bsdf
@@ -101,11 +101,10 @@ def main() -> None:
     from mi_enhance.benchmark.timing import machine
     from mi_enhance.evaluation import image_metrics, scenes
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("--alpha", type=float, nargs="+", default=[0.05, 0.15, 0.4])
     parser.add_argument("--resolution", type=int, default=256)
     parser.add_argument("--spp", type=int, default=256)
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about, rows = machine(), []

@@ -6,14 +6,13 @@ Mitsuba's `blendbsdf` of `measured`, with the masks as textures.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import mitsuba as mi  # isort: skip
+import common
 import numpy as np
-from common import finish
 
 from mi_enhance import Material
 from mi_enhance.benchmark.timing import machine
@@ -45,7 +44,7 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("files", nargs="*", default=_FILES, help="three RGL files")
     parser.add_argument("--size", type=int, default=128, help="texels along each side (default: %(default)s)")
     parser.add_argument("--samples", type=int, default=128, help="per texel (default: %(default)s)")
@@ -55,7 +54,6 @@ def main() -> None:
     parser.add_argument("--resolution", type=int, default=256)
     parser.add_argument("--spp", type=int, default=256)
     parser.add_argument("-o", "--output", default="out/texels", help="folder of the pictures and maps")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about, folder = machine(), Path(args.output)
@@ -90,7 +88,7 @@ def main() -> None:
     draw_errors(found, folder / "errors.png")
     draw(("measured, mixed", truth), pictures, folder / "renders.png", title=f"{args.size} x {args.size} texels")
     title = f"{args.size} x {args.size} texels, {args.samples} samples each, smoothness {args.smoothness:g}"
-    finish(rows, _COLUMNS, title=title, about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title=title, about=about, as_json=args.json)
 
 
 def masks(size: int) -> np.ndarray:

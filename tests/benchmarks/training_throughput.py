@@ -8,7 +8,6 @@ counts.
 
 from __future__ import annotations
 
-import argparse
 import os
 
 # PyTorch's idle OpenMP threads spin by default and take the cores from Dr.Jit's, and from each other on a busy machine:
@@ -18,16 +17,16 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 import mi_enhance  # noqa: E402, F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import drjit as dr  # isort: skip
+import common
 import mitsuba as mi
 import numpy as np
-from common import finish
 from torch_model import TorchModel, import_torch
 
 from mi_enhance.analytic import parameter_space
 from mi_enhance.benchmark.timing import interleaved, machine, spread
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.neural.enhance import enhance
-from mi_enhance.training.settings import DEFAULTS
+from mi_enhance.training.settings import TrainingSettings
 from mi_enhance.training.trainer import Trainer
 from mi_enhance.training.training_set import TrainingSet
 
@@ -48,19 +47,18 @@ _COLUMNS = {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("--torch", metavar="DIR", help="folder PyTorch was installed into, if not this environment")
     parser.add_argument("--materials", type=int, default=500)
     parser.add_argument("--batch", type=int, nargs="+", default=[16, 64, 256], help="samples per material and step")
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--compile", action="store_true", help="also time torch.compile (needs a C++ compiler)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     torch = import_torch(args.torch)
     mi.set_variant("llvm_ad_rgb")
     about = {**machine(), "torch": torch.__version__, "threads": dr.thread_count()}
     rows = [row for n in args.batch for row in _compare(torch, args.materials, n, args.rounds, args.compile)]
-    finish(rows, _COLUMNS, title="Training, forward and backward", about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title="Training, forward and backward", about=about, as_json=args.json)
 
 
 def _compare(torch, m: int, n: int, rounds: int, with_compile: bool) -> list[dict]:
@@ -68,7 +66,7 @@ def _compare(torch, m: int, n: int, rounds: int, with_compile: bool) -> list[dic
     brdf, start, (wi, wo, f) = _problem(m, n)
     rows = np.concatenate([wi, wo, f], -1).reshape(m * n, 9).T.astype(np.float32)
     samples = TrainingSet([str(k) for k in range(m)], ["random"] * m, np.ascontiguousarray(rows), n)
-    trainer = Trainer(brdf, samples, {**DEFAULTS, "batch": n}, start)
+    trainer = Trainer(brdf, samples, TrainingSettings(batch=n), start)
     ours = trainer.gradients()  # a batch of n of n samples is all of them, whatever the random start
     u = parameter_space.Space(brdf.parameters).to_free(start)
     jobs = {"mi_enhance": lambda: _step(trainer)}

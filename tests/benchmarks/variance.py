@@ -7,7 +7,6 @@ the angle of the view; summed over channels, for which the ideal is not 0.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 from pathlib import Path
@@ -15,9 +14,9 @@ from pathlib import Path
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
 
 import drjit as dr  # isort: skip
+import common
 import mitsuba as mi
 import numpy as np
-from common import finish
 
 from mi_enhance import data, fit
 from mi_enhance.benchmark.timing import clock, machine
@@ -37,11 +36,10 @@ _COLUMNS = {"material": ("material", "")} | {
 
 def main() -> None:
     """Run the benchmark of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = common.parser(__doc__)
     parser.add_argument("files", nargs="+", help="RGL .bsdf")
     parser.add_argument("-o", "--output", default="out/variance.json", help="(default: %(default)s)")
     parser.add_argument("--samples", type=int, default=100_000, help="of each file (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object last")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     about, rows = machine(), []
@@ -67,7 +65,7 @@ def main() -> None:
     Path(args.output).parent.mkdir(parents=True, exist_ok=True)
     with replacing(args.output) as temporary:
         Path(temporary).write_text(json.dumps({"machine": about, "rows": rows}, indent=1) + "\n")
-    finish(rows, _COLUMNS, title="Relative variance of a sample, and ns", about=about, as_json=args.json)
+    common.finish(rows, _COLUMNS, title="Relative variance of a sample, and ns", about=about, as_json=args.json)
 
 
 def _variance(bsdf: mi.BSDF, degrees: float) -> tuple[float, float, float]:

@@ -114,7 +114,7 @@ def test_without_symbolic_loops_and_calls_the_image_is_the_same(llvm):
     np.testing.assert_allclose(wavefront, symbolic, rtol=1e-4)
 
 
-def test_frozen_render_sees_updated_parameters(llvm):
+def test_frozen_render_sees_updated_parameters(llvm, no_collection):
     s = ball(material().to_dict(), spp=16)
     p = mi.traverse(s)
     frozen = dr.freeze(lambda s: mi.render(s, seed=0))

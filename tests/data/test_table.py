@@ -91,6 +91,8 @@ SAME = {
     "separator at the end": RAD.replace("\n", ",\n"),
     "other columns": "time,theta_i,phi_i,theta_o,phi_o,f,who\n12:00,0.1,0,0.5,3,0.25,me\n12:01,0.2,1,0.6,2,1.5,\n",
     "other order": "f,phi_o,theta_o,phi_i,theta_i\n0.25,3,0.5,0,0.1\n1.5,2,0.6,1,0.2\n",
+    "numbered rows": ",theta_i,phi_i,theta_o,phi_o,f\n0,0.1,0,0.5,3,0.25\n1,0.2,1,0.6,2,1.5\n",
+    "comment with a value": "# angle of incidence: 45 deg\n" + RAD,
     "no line end": RAD.rstrip(),
     "old line ends": RAD.replace("\n", "\r"),
     "Windows": RAD.replace("\n", "\r\n"),
@@ -168,9 +170,10 @@ ANGLES = "theta_i,phi_i,theta_o,phi_o,f\n"
             "# angles in degrees\n" + ANGLES + "0.5,1,0.3,2,1\n",
             "a comment speaks of degrees, but all polar angles are at most 0.5",
         ),
+        ("theta_i,phi_i,theta_o,phi_o,f [%]\n", "line 1: column f is in '%'; known units are 1/sr"),
         ("theta_i [grad],phi_i,theta_o,phi_o,f\n", "line 1: column theta_i is in 'grad'; known units are rad, "),
     ],
-    ids=["polar", "azimuth", "degrees", "comment", "gradians"],
+    ids=["polar", "azimuth", "degrees", "comment", "percent", "gradians"],
 )
 def test_angles_in_another_unit_are_refused(tmp_path, text, message):
     (tmp_path / "t.csv").write_text(text)
@@ -198,6 +201,7 @@ HEADER = "wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,f_r,f_g,f_b\n"
         (HEADER + "0,0,1,0,0,1,1,1,1\n0,0,1,0,0,1,1,nan,1\n", r"line 3 has nan in column f_g"),
         ("# x\n\n" + HEADER + "0,0,1,0,0,1,1,inf,1\n", r"line 4 has inf in column f_g"),
         (HEADER + "0,0,1,0,0,1,1,1,1\n0,0,1,0,0,1.1,1,1,1\n", r"wo in line 3 has length 1.1, not 1"),
+        (HEADER + "0,0,1,0,0,1,1,1e39,1\n", r"line 2 has 1e\+39 in column f_g"),
         (HEADER + "0,0,1,0,0,-1,1,1,1\n", "no row has both directions above the horizon"),
         (HEADER + "0,0,1,0,0,1,1,x,1\n", "line 2: 'x' in column f_g is no number"),
         (HEADER + "0,0,1,0,0,1,1,1,1\n0,0,1,0,0,1,1,,1\n", "line 3: '' in column f_g is no number"),
@@ -216,7 +220,9 @@ HEADER = "wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,f_r,f_g,f_b\n"
         ("<html>not found</html>", "no line names the columns. Line 1 is '<html>"),
         ("x" * 100_000, "line 1 is longer than 65536 characters"),
     ],
-    ids="nan inf unit horizon word hole short decimal mixed none missing nameless double twice empty html long".split(),
+    ids=(
+        "nan inf huge unit horizon word hole short decimal mixed none missing nameless double twice empty html long"
+    ).split(),
 )
 def test_what_is_wrong_is_named(tmp_path, text, message):
     (tmp_path / "t.csv").write_text(text)

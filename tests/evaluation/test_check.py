@@ -17,14 +17,14 @@ from mi_enhance.sampling import importance
 
 
 def verdicts(material):
-    return {row["check"]: row["verdict"] for row in check(material)["rows"]}
+    return {row["check"]: row["verdict"] for row in check(material).rows}
 
 
 def test_a_textbook_model_passes_and_the_figures_are_its_own(llvm):
     """Lambert of albedo 0.5 below a lobe too weak to be seen: f = 0.5 / pi, albedo 0.5, weights near 0.5."""
     result = check(Material.analytic("ggx").edit(rho_d=0.5, rho_s=1e-6))
-    rows = {row["check"]: row["value"] for row in result["rows"]}
-    assert result["ok"] and result["files"] == {}
+    rows = {row["check"]: row["value"] for row in result.rows}
+    assert result.ok and result.files == {}
     assert rows["largest albedo"] == pytest.approx(0.5, rel=1e-3)  # an average of 8,192 even samples
     assert rows["largest f, 1/sr"] == pytest.approx(0.5 / np.pi, rel=5e-3)  # the lobe still shows at the horizon
     assert rows["density over its integral"] == pytest.approx(1, abs=5e-3)  # cells cut by the horizon
@@ -34,9 +34,9 @@ def test_a_textbook_model_passes_and_the_figures_are_its_own(llvm):
 def test_what_is_not_claimed_is_information(llvm):
     """Ward's lobe makes energy towards the horizon and never said that it would not."""
     result = check(Material.analytic("ward").edit(rho_s=1.0))
-    rows = {row["check"]: row for row in result["rows"]}
+    rows = {row["check"]: row for row in result.rows}
     assert rows["largest albedo"]["value"] > 1.5 and rows["largest albedo"]["verdict"] == ""
-    assert rows["reciprocity, relative"]["verdict"] == "ok" and result["ok"]
+    assert rows["reciprocity, relative"]["verdict"] == "ok" and result.ok
 
 
 def test_a_density_that_is_not_the_samples_is_found(llvm, monkeypatch):

@@ -82,7 +82,7 @@ def test_bad_number_is_refused(llvm, name, value):
 def test_unknown_scene_is_refused(llvm):
     with pytest.raises(FileNotFoundError, match="Choose one of: shader_ball.xml, sphere_envmap.xml"):
         scenes.load("teapot", GREY)
-    with pytest.raises(FileNotFoundError, match=r'scene.load\("teapot.xml"\): no such file'):
+    with pytest.raises(FileNotFoundError, match=r'scenes.load\("teapot.xml"\): no such file'):
         scenes.load("teapot.xml", GREY)
 
 
@@ -110,8 +110,8 @@ def comparison(tmp_path_factory):
     darker = {"type": "diffuse", "reflectance": 0.3}
     lines = []
     rows = compare(
-        GREY, {"same": GREY, "darker one": darker}, folder=folder, scene="sphere_envmap", resolution=32, spp=16,
-        truth_label="grey", log=lines.append,
+        GREY, {"same": GREY, "darker one": darker}, folder, scene="sphere_envmap", resolution=32, spp=16,
+        truth_label="grey", progress=lambda progress: lines.append(progress.stage),
     )  # fmt: skip
     assert matplotlib.rcParams._get("backend") == backend
     return folder, rows, lines
@@ -150,9 +150,9 @@ def test_picture_shows_the_renders_and_the_error(comparison):
 
 def test_compare_refuses_labels_that_name_one_file(llvm, tmp_path):
     with pytest.raises(ValueError, match="differ in letters or digits"):
-        compare(GREY, {"a b": GREY, "a-b": GREY}, folder=tmp_path)
+        compare(GREY, {"a b": GREY, "a-b": GREY}, tmp_path)
     with pytest.raises(ValueError, match="at least two"):
-        compare(GREY, {}, folder=tmp_path)
+        compare(GREY, {}, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -160,7 +160,7 @@ def test_compare_files_averages_each_model(tmp_path, monkeypatch):
     """Means by hand; the rate is all paths over all seconds, so its mean is harmonic."""
     figures = {"a": (0.9, 2.0, 100), "b": (0.7, 4.0, 201)}  # SSIM, Mpaths/s, bytes of the two materials
 
-    def one_file(path, *, folder, spp):
+    def one_file(path, folder, *, spp):
         assert (folder, spp) == (tmp_path / path.name[0], 4)
         folder.mkdir()
         ssim, rate, size = figures[path.name[0]]
@@ -168,17 +168,24 @@ def test_compare_files_averages_each_model(tmp_path, monkeypatch):
         return [{**row, "mpaths_per_s": rate, "bytes": size}]
 
     monkeypatch.setattr(sys.modules["mi_enhance.evaluation.compare"], "compare_file", one_file)
-    result = compare_files([Path("x/a_rgb.bsdf"), Path("x/b_rgb.bsdf")], folder=tmp_path, spp=4)
-    (mean,) = result["mean"]
+    result = compare_files([Path("x/a_rgb.bsdf"), Path("x/b_rgb.bsdf")], tmp_path, spp=4)
+    (mean,) = result.mean
     expected = {"ssim": 0.8, "mpaths_per_s": 2 / (1 / 2 + 1 / 4), "bytes": 150}
     assert mean == pytest.approx({"material": "mean of 2", "label": "GGX", **expected})
-    assert json.loads(Path(result["tables"]["json"]).read_text()) == result["rows"] + result["mean"]
+    assert json.loads(Path(result.tables["json"]).read_text()) == result.rows + result.mean
 
 
 @pytest.mark.parametrize("paths", ([], ["x/a.bsdf", "y/a_rgb.bsdf"]), ids=["none", "one name twice"])
 def test_compare_files_refuses(paths, tmp_path):
     with pytest.raises(ValueError, match="must be at least one and all different"):
-        compare_files(paths, folder=tmp_path)
+        compare_files(paths, tmp_path)
+
+
+def test_a_truth_that_cannot_be_rendered_is_refused(tmp_path):
+    (tmp_path / "paint.binary").write_bytes(b"")
+    with pytest.raises(ValueError, match='paint.binary" cannot be rendered .* RGL .bsdf files only'):
+        compare_files([tmp_path / "paint.binary"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
@@ -190,7 +197,10 @@ def test_table_is_the_same_in_every_form(tmp_path, capsys):
     paths = table.write_table(ROWS, tmp_path / "t")
     assert json.loads(paths["json"].read_text()) == ROWS
     assert paths["csv"].read_text().splitlines() == ["label,ssim,bytes", "GGX,0.98126,1234", "measured,1.0,"]
-    assert paths["md"].read_text().splitlines()[2:] == ["| GGX | 0.9813 | 1,234 |", "| measured | 1.0000 | – |"]
+    assert paths["md"].read_text().splitlines()[2:] == [
+        "| GGX      | 0.9813 |   1,234 |",
+        "| measured | 1.0000 |       – |",
+    ]
     table.print_table(ROWS, title="a title")
     printed = capsys.readouterr().out
     assert "a title" in printed and "0.9813" in printed and "1,234" in printed
@@ -204,4 +214,4 @@ def test_printed_table_cuts_no_number_off(capsys, monkeypatch):
 
 
 def test_table_shows_the_columns_asked_for():
-    assert table.markdown(ROWS, {"ssim": ("S", ".1f")}).splitlines()[-1] == "| 1.0 |"
+    assert table.markdown(ROWS, {"ssim": ("S", ".1f")}).splitlines()[-1].split() == ["|", "1.0", "|"]

@@ -40,7 +40,7 @@ def test_analytic_texels_are_recovered(llvm):
     maps = found.maps
     assert maps.shape == found.log_l1.shape == found.log_l1_analytic.shape == (3, 4)
     right = found.log_l1 < 1e-4
-    assert right.mean() > 0.8  # two of the twelve end in another minimum, below 0.003
+    assert right.mean() > 0.8 and found.log_l1.max() < 0.003  # another minimum explains the samples nearly as well
     mean = (maps.maps["alpha_x"] + maps.maps["alpha_y"])[..., 0] / 2
     np.testing.assert_allclose(mean[right], alpha[right], rtol=0.01)
     report = found.report

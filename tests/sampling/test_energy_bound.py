@@ -118,7 +118,7 @@ def test_file_keeps_it(llvm, tmp_path):
     assert not Material.analytic("ward").bound_energy
 
 
-def test_optimization_and_frozen_functions_work(llvm):
+def test_optimization_and_frozen_functions_work(llvm, no_collection):
     """Gradients pass through f; a recorded render sees the table of the parameters as they have become."""
     scene = ball({**Material.analytic("ward").edit(rho_s=2.0).bounded().to_dict(), "id": "m"})
     params = mi.traverse(scene)

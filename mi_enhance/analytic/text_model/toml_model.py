@@ -19,6 +19,7 @@ from ...system.messages import did_you_mean
 from .. import parameters
 from ..geometry import QUANTITIES
 from ..graph import Node
+from ..lobes import LOBES, OWN
 from ..parameters import Parameter
 from . import expression
 from .expression import MAX_NUMBER, Expression, shown
@@ -37,7 +38,6 @@ _TAKEN = {
 # Sampling, modules and alternative terms read these by name: their meaning is fixed.
 _STANDARD = {q.name: q for q in vars(parameters).values() if isinstance(q, Parameter) and q.name not in _TAKEN}
 _KEYS = ("name", "source", "formula", "frame", "v_cavity", "terms", "parameters", "starts", "lobes")
-_LOBE = ("rho_s", "alpha_x", "alpha_y")
 
 
 def parse(text: str, where: str) -> dict:
@@ -94,7 +94,7 @@ def parse(text: str, where: str) -> dict:
     lobes = _tables(given, "lobes", where)
     if lobes:
         fields["lobes"] = _lobes([_lobe(v, kinds, f"{where}: [[lobes]]") for v in lobes])
-    elif missing := [q for q in _LOBE if q not in kinds]:
+    elif missing := [q for q in OWN if q not in kinds]:
         raise ValueError(
             f"{where}: [[lobes]] is missing, and the model has no {', '.join(missing)}. Say which GGX lobes cover its "
             'own, for sampling: rho_s = "...", alpha_x = "...", alpha_y = "...".'
@@ -203,7 +203,7 @@ def _check_terms(terms: Mapping[str, Expression], kinds: Mapping[str, str], wher
             f"{where}: the term M must be the diffuse one and read rho_d, the diffuse albedo: sampling and editing "
             'rely on it. Write M = "rho_d / pi" in [terms] and rho_d = true in [parameters].'
         )
-    if ("alpha_x" in kinds) != ("alpha_y" in kinds) or ("alpha_x2" in kinds) != ("alpha_y2" in kinds):
+    if any((lobe.alpha_x in kinds) != (lobe.alpha_y in kinds) for lobe in LOBES):
         raise ValueError(f"{where}: alpha_x and alpha_y come in pairs. Use both, or another name for one roughness.")
     for slot, term in terms.items():
         both = [name for name in term.reads if name in QUANTITIES]
@@ -276,8 +276,8 @@ def _check_linear(node: Node, terms: Mapping[str, Expression], where: str) -> bo
 
 
 def _lobe(given: Mapping, kinds: Mapping[str, str], where: str) -> list[Expression]:
-    _only(given, _LOBE, where)
-    lobe = [expression.parse(given.get(key, ""), kinds, f"{where} {key}") for key in _LOBE]
+    _only(given, OWN, where)
+    lobe = [expression.parse(given.get(key, ""), kinds, f"{where} {key}") for key in OWN]
     if [e.is_colour for e in lobe] != [True, False, False]:
         raise ValueError(f"{where}: rho_s must be a colour times numbers, alpha_x and alpha_y numbers.")
     return lobe
