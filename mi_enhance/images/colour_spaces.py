@@ -74,8 +74,8 @@ def matrix_of_primaries(chromaticities: Sequence[float] | np.ndarray) -> np.ndar
     --------
     >>> matrix_of_primaries(SRGB) is None
     True
-    >>> matrix_of_primaries(ADOBE_RGB).round(3).tolist()[0]
-    [1.398, -0.398, -0.0]
+    >>> matrix_of_primaries(ADOBE_RGB)[0, :2].round(3).tolist()
+    [1.398, -0.398]
     """
     return matrix_of_xyz(*_xyz_of(chromaticities))
 

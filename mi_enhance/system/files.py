@@ -45,7 +45,7 @@ def read_json(path: str | Path, where: str, needed: Iterable[str] = (), *, lines
     """
     where = f"{where}: {path}"
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
         found = [json.loads(line) for line in text.splitlines()] if lines else [json.loads(text)]
     except (ValueError, RecursionError) as error:  # not JSON, not UTF-8, or nested to break the parser
         raise ValueError(f"{where} is no JSON ({error}). It is damaged; remove it, or choose another folder.") from None

@@ -348,7 +348,7 @@ def test_photographs_that_see_nothing_are_refused_before_the_fit(paint):
         fit_images(inside, paint, **SHORT)
 
 
-def test_single_views_and_materials_that_nothing_sees_are_told(paint):
+def test_single_views_that_see_nothing_are_told(paint):
     away = dataclasses.replace(paint[0], name="away", to_world=paint[0].to_world @ np.diag([1.0, -1.0, -1.0, 1.0]))
     short = {"stages": [(1, 4, 2)], "max_depth": 2}
     scene = ball(Material.analytic("ggx").edit(rho_s=0.0).bsdf())
@@ -357,6 +357,11 @@ def test_single_views_and_materials_that_nothing_sees_are_told(paint):
     # without a specular part its roughness shows nowhere
     assert found.report["undetermined"] == ["ball.bsdf.alpha_x"]
     assert found.materials["ball.bsdf"].report["undetermined"] == ["alpha_x"]
+
+
+@pytest.mark.slow
+def test_materials_that_nothing_sees_are_told(paint):
+    short = {"stages": [(1, 4, 2)], "max_depth": 2}
     material, other = Material.analytic("ggx").to_dict(), Material.analytic("ggx").edit(F0=0.05).to_dict()
     far = {"type": "sphere", "center": [0, 500, 0], "bsdf": {**other, "id": "far"}}
     near = {"type": "sphere", "center": [0, 1, 0], "bsdf": {**material, "id": "near"}}
