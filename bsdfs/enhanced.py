@@ -145,11 +145,12 @@ class Enhanced(mi.BSDF):
         if self.m_energy:
             self.m_parameters.check_uniform(where)
         mixture = self.m_material.sampled_by
-        self.m_scales = [mi.Float(c) for c in mixture.scales]
+        # Data, so that materials share the compiled function; a material without a mixture of its own has no factors.
+        self.m_scales = [dr.opaque(mi.Float, c) for c in mixture.scales] if self.m_material.mixture else None
         self.m_albedos = mi.Float(np.ravel(mixture.albedos))
         # What a parameter without effect is multiplied by: data, for a literal 0 would take its gradient away.
         self.m_zero = mi.Float(0)
-        dr.make_opaque(self.m_scales, self.m_albedos, self.m_zero)
+        dr.make_opaque(self.m_albedos, self.m_zero)
         varying = mi.BSDFFlags.SpatiallyVarying if self.m_parameters.textures else mi.BSDFFlags.Empty
         self.m_components = [
             mi.BSDFFlags.DiffuseReflection
@@ -187,6 +188,11 @@ class Enhanced(mi.BSDF):
         # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
         constants = dr.detach(self.m_parameters.constants())
         self.m_compiled.fold(constants, self.m_parameters.textures)
+        self.m_shares = None
+        if self.m_scales is None and not self.m_parameters.textures:
+            params = {name: v for name, v in constants.items() if name not in left_out}
+            self.m_shares = lobe_mixture.shares_at(mi.Float(1), params, self.m_albedos, self.m_compiled.form.brdf.model)
+            dr.make_opaque(self.m_shares)
         if self.m_energy:
             # a colour from a scene is a texture, too
             params = dr.detach(self.m_parameters.at(dr.zeros(mi.SurfaceInteraction3f), True))
@@ -225,8 +231,12 @@ class Enhanced(mi.BSDF):
     def _mixture(self, si, form, params) -> tuple[Model, list]:
         """The model whose lobes are sampled, and their probabilities."""
         model = form.brdf.model
-        shares = lobe_mixture.shares_at(si.wi.z, params, self.m_albedos, model)
-        return lobe_mixture.scaled(model, list(enumerate(self.m_scales))), shares
+        shares = self.m_shares  # of the last update, unless what they are made of has changed since
+        if shares is None or form is not self.m_compiled.form or dr.grad_enabled(params):
+            shares = lobe_mixture.shares_at(si.wi.z, params, self.m_albedos, model)
+        if self.m_scales is not None:
+            model = lobe_mixture.scaled(model, list(enumerate(self.m_scales)))
+        return model, shares
 
     def _pdf(self, si, wo, prepared, active):
         form, params, *_ = prepared

@@ -186,7 +186,7 @@ READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
     "network": ("x.bsdf", ROOT / "mi_enhance/networks/ggx.bsdf", lambda p: Material.load(p).show()),
     "description": (
         "x.json",
-        lambda p: p.write_text(json.dumps(_material()._description())),
+        lambda p: p.write_text(_material().to_dict()["description"]),
         lambda p: Material.from_arrays(p.read_text(errors="replace"), *map(_material().to_dict().get, _ARRAYS)),
     ),
     "maps": ("x.exr", _write_maps, lambda p: MaterialMaps.load(p, _material())),

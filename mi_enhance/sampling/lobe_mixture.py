@@ -29,8 +29,8 @@ class Mixture(NamedTuple):
     scales : tuple of float
         Factor on the roughness of each lobe of the model.
     albedos : tuple of tuple of float
-        For each lobe, and last for the cosine, at NODES angles of the view from the horizon up: its share is in
-        proportion to this times its colour, so that edits of colours carry over.
+        For each lobe, and last for the cosine, at NODES angles of the view from the horizon up, or once if it is the
+        same at all of them: its share is in proportion to this times its colour, so that edits of colours carry over.
     """
 
     scales: tuple[float, ...]
@@ -54,7 +54,7 @@ def of_lobe_albedo(n_lobes: int, lobe_albedo: float) -> Mixture:
     """
     # 1e-6: as a fit, no lobe is left out for ever; its colour may be edited
     albedos = np.array([max(lobe_albedo, 1e-6)] * n_lobes + [1.0])
-    return Mixture((1.0,) * n_lobes, tuple((float(v),) * NODES for v in albedos / albedos.max()))
+    return Mixture((1.0,) * n_lobes, tuple((float(v),) for v in albedos / albedos.max()))
 
 
 def scaled(model: Model, lobes: Sequence[tuple]) -> Model:
@@ -99,14 +99,17 @@ def shares_at(cos: mi.Float, params: Mapping, albedos: mi.Float, model: Model) -
     """
     absent = dict.fromkeys(parameters.colours(model.parameters))
     strengths = [rho for rho, *_ in model.lobes({**absent, **params})] + [params.get("rho_d")]
-    x = dr.sqrt(dr.clip(cos, 0, 1)) * (NODES - 1)
-    k = dr.minimum(mi.UInt32(x), NODES - 2)
-    weights = []
-    for j, rho in enumerate(strengths):
-        if rho is not None:
-            low, high = (dr.gather(mi.Float, albedos, k + (j * NODES + d)) for d in (0, 1))
-            # 1e-6: a black material samples all alike
-            weights.append((dr.mean(rho) + 1e-6) * dr.lerp(low, high, x - mi.Float(k)))
+    nodes = len(albedos) // len(strengths)
+    if nodes == 1:
+        at = lambda j: dr.gather(mi.Float, albedos, j)  # noqa: E731
+    else:
+        x = dr.sqrt(dr.clip(cos, 0, 1)) * (nodes - 1)
+        k = dr.minimum(mi.UInt32(x), nodes - 2)
+        at = lambda j: dr.lerp(  # noqa: E731
+            *(dr.gather(mi.Float, albedos, k + (j * nodes + d)) for d in (0, 1)), x - mi.Float(k)
+        )
+    # 1e-6: a black material samples all alike
+    weights = [(dr.mean(rho) + 1e-6) * at(j) for j, rho in enumerate(strengths) if rho is not None]
     n = len([rho for rho in strengths[:-1] if rho is not None])
     # 1e-12: both factors may be 1e-6
     free = (1 - MIN_SHARE * (n + 1)) / dr.maximum(sum(weights), 1e-12) if weights else 0

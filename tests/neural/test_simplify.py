@@ -146,16 +146,15 @@ def test_frozen_function_follows_a_colour_that_was_0(llvm, no_collection):
     for value in (0.0, 0.3, 0.6, 0.0):
         p["rho_s2"] = mi.Color3f(value)
         p.update()
-        with no_collection():  # else a frozen function of an earlier test may be freed while this one is recorded
-            f = np.array(frozen(b, hit(wi), vectors(wo))).T
+        f = np.array(frozen(b, hit(wi), vectors(wo))).T
         close(f, material(rho_s2=value).evaluate(wi, wo) * wo[:, 2:])
 
 
 def test_value_and_density_share_their_work(llvm):
     b = material().bsdf()
     both, value, density = (operations(b, name) for name in ("eval_pdf", "eval", "pdf"))
-    # Frame and half vector are the value's; the shares of a mixture by the cosine are the density's alone.
-    assert both - value < density / 2.25
+    # Frame, half vector and D are the value's.
+    assert both - value < density / 2.5
 
 
 def test_textured_colour_leaves_the_networks_folded(llvm):
