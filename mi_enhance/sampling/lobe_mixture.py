@@ -100,14 +100,13 @@ def shares_at(cos: mi.Float, params: Mapping, albedos: mi.Float, model: Model) -
     absent = dict.fromkeys(parameters.colours(model.parameters))
     strengths = [rho for rho, *_ in model.lobes({**absent, **params})] + [params.get("rho_d")]
     nodes = len(albedos) // len(strengths)
-    if nodes == 1:
-        at = lambda j: dr.gather(mi.Float, albedos, j)  # noqa: E731
-    else:
-        x = dr.sqrt(dr.clip(cos, 0, 1)) * (nodes - 1)
-        k = dr.minimum(mi.UInt32(x), nodes - 2)
-        at = lambda j: dr.lerp(  # noqa: E731
-            *(dr.gather(mi.Float, albedos, k + (j * nodes + d)) for d in (0, 1)), x - mi.Float(k)
-        )
+    x = dr.sqrt(dr.clip(cos, 0, 1)) * (nodes - 1)
+    k = dr.minimum(mi.UInt32(x), max(nodes - 2, 0))
+
+    def at(j):
+        low = dr.gather(mi.Float, albedos, k + j * nodes if nodes > 1 else j)
+        return dr.lerp(low, dr.gather(mi.Float, albedos, k + (j * nodes + 1)), x - mi.Float(k)) if nodes > 1 else low
+
     # 1e-6: a black material samples all alike
     weights = [(dr.mean(rho) + 1e-6) * at(j) for j, rho in enumerate(strengths) if rho is not None]
     n = len([rho for rho in strengths[:-1] if rho is not None])
