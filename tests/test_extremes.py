@@ -20,6 +20,7 @@ from mi_enhance.neural.enhance import enhance
 
 N, N_GRADIENTS = 2000, 40
 VALUE = 1e-4  # relative; what float32 gives wherever the rounding of its inputs is not magnified
+MODULES = 2e-4  # pretrained modules add up hundreds of products to a logarithm: its last digits are the value's
 GRADIENT = 1e-3
 # Where it is: directions, normal and tangent are known to 6e-8, and a lobe of alpha 1e-4 turned with them moves by a
 # thousandth of its width; latent numbers of 16 make units of some hundreds, whose last digit the exponential shows.
@@ -51,7 +52,7 @@ def test_all_materials_are_in_the_lists(materials):
 def test_values_and_gradients_are_the_twins(llvm, materials, name):
     for case in cases.CASES:
         e = cases.errors(materials[name], cases.CASES[case], N, N_GRADIENTS, seed=1)
-        value, gradient = MAGNIFIED.get(case, (VALUE, GRADIENT))
+        value, gradient = MAGNIFIED.get(case, (MODULES if name in SLOW else VALUE, GRADIENT))
         assert e.value.max() < value, case
         assert (e.value / (VALUE + e.rounding)).max() < OVER_ROUNDING, case
         assert e.gradient.max() < gradient, case
