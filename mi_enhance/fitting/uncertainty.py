@@ -1,4 +1,4 @@
-"""How well the samples of a fit determine each parameter: standard deviations, and the parameters they leave open."""
+"""Standard deviation of each fitted parameter, and the parameters that the samples leave open."""
 
 from __future__ import annotations
 

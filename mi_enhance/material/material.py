@@ -27,7 +27,7 @@ from .reports import SpecializeReport
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Material(OldNames):
-    """What is saved, loaded, edited, shown and rendered.
+    """A material: the record that is saved, loaded, edited, shown and rendered.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class Material(OldNames):
 
     @property
     def sampled_by(self) -> Mixture:
-        """How directions are drawn: :attr:`mixture`, or what stands in for it; needs a JIT variant."""
+        """The mixture that draws directions: :attr:`mixture`, or one of `lobe_albedo`; needs a JIT variant."""
         return self.mixture or lobe_mixture.of_lobe_albedo(
             len(self.brdf.model.lobes(self.as_drjit())), self.lobe_albedo
         )

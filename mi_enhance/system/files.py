@@ -1,4 +1,4 @@
-"""What all readers need from the file system: a file that is there, and writing that never leaves half a file."""
+"""Files that are there, and writing that never leaves half a file: shared by all readers and writers."""
 
 from __future__ import annotations
 
