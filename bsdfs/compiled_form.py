@@ -1,4 +1,4 @@
-"""What the plugin evaluates: the BRDF without what is 0, and what is constant folded into the networks."""
+"""The BRDF as the plugin evaluates it: without what is 0, constants folded into the modules."""
 
 from __future__ import annotations
 

@@ -57,6 +57,7 @@ def test_examples_exist():
     from mi_enhance import enhance, fit, terms
     from mi_enhance.material import material
 
-    found = [f for n, f in vars(terms).items() if callable(f) and getattr(f, "__module__", "") == terms.__name__]
+    found = [getattr(terms, name) for name in terms.__all__]
+    assert len(found) >= 20
     for item in [*found, enhance, fit, material.Material]:
         assert ">>>" in (item.__doc__ or ""), item

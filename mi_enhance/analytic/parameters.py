@@ -75,8 +75,8 @@ RHO_S2 = Parameter("rho_s2", 3, 0.0, 10.0, 0.0, kind="colour")
 ALPHA_X2 = Parameter("alpha_x2", 1, *ROUGHNESS, 0.4, log=True)
 ALPHA_Y2 = Parameter("alpha_y2", 1, *ROUGHNESS, 0.4, log=True)
 
-# Those of the ABC model. Ranges: the published fits of the 100 MERL materials (A 0.078 to 5,710, B 11 to 8.1e6, C 0.024
-# to 2.7, index of refraction 1.04 to 100), with room on either side.
+# Parameters of the ABC model. Ranges: the published fits of the 100 MERL materials (A 0.078 to 5,710, B 11 to 8.1e6,
+# C 0.024 to 2.7, index of refraction 1.04 to 100), with room on either side.
 ABC_A = Parameter("A", 3, 1e-3, 1e5, 1.0, log=True, kind="colour")
 ABC_B = Parameter("B", 1, 1.0, 1e8, 100.0, log=True)
 ABC_C = Parameter("C", 1, 0.01, 10.0, 1.0, log=True)
@@ -87,7 +87,8 @@ N_U = Parameter("n_u", 1, 1.0, 1e6, 100.0, log=True)
 N_V = Parameter("n_v", 1, 1.0, 1e6, 100.0, log=True)
 
 
-# How far modules may tell viewer from light. At 0 the BRDF is exactly reciprocal; measured files are not.
+# The difference that modules may make between viewer and light. At 0 the BRDF is exactly reciprocal; measured files
+# are not.
 ASYMMETRY = Parameter("asymmetry", 1, -2.0, 2.0, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""How the time of a frame grows with materials and objects."""
+"""Growth of the time of a frame with pixels, depth and materials."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..output.figure import sheet
 from ..output.pareto import pareto
 from ..output.table import Columns, cells
-from ..system.files import replacing
+from ..system.files import write_text
 
 if TYPE_CHECKING:
     from .benchmark import BenchReport
@@ -92,8 +92,7 @@ def write_page(report: BenchReport, path: str | Path, columns: Columns, growth_c
         growth=_table(report.growth, growth_columns),
         pictures="".join(_PICTURE.substitute(name=html.escape(name)) for name in report.materials),
     )
-    with replacing(path) as temporary:
-        Path(temporary).write_text(text, encoding="utf8")
+    write_text(path, text)
 
 
 def _table(rows: Sequence[Mapping[str, Any]], columns: Columns) -> str:

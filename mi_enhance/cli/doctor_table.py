@@ -1,4 +1,4 @@
-"""What ``mi-enhance doctor`` prints."""
+"""The table that ``mi-enhance doctor`` prints."""
 
 from __future__ import annotations
 

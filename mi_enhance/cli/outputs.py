@@ -1,4 +1,4 @@
-"""Where results go: looked at before any work is done, so that no result is lost for want of a place."""
+"""Output paths: checked before any work is done, so that no result is lost for want of a place."""
 
 from __future__ import annotations
 

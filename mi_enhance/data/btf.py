@@ -14,7 +14,7 @@ import numpy as np
 from ..output.srgb import _linear
 from ..system.files import require_file
 from ..system.progress import Callback, Progress, silent
-from .directions import MIN_COS
+from .directions import MIN_COS, direction
 
 
 def read(
@@ -72,7 +72,8 @@ def read(
     if not len(above):
         raise ValueError(f"{where}: none of its {len(angles)} pairs of directions is above the horizon.")
     chosen = np.sort(np.random.default_rng(seed).permutation(above)[:n_samples])
-    wi, wo = _directions(theta_v[chosen], phi_v[chosen]), _directions(theta_l[chosen], phi_l[chosen])
+    wi = direction(theta_v[chosen], phi_v[chosen]).astype(np.float32)
+    wo = direction(theta_l[chosen], phi_l[chosen]).astype(np.float32)
     _check_window(rows, columns, archive.angles_to_image(*pairs[chosen[0]]).shape, where)
     f = np.empty((rows[1] - rows[0], columns[1] - columns[0], len(chosen), 3), np.float32)
     for k, at in enumerate(chosen):
@@ -105,10 +106,6 @@ def _open(path: Path, where: str):
         return kind(str(path))
     except Exception as error:  # whatever the package raises for damaged bytes and odd names
         raise ValueError(f"{where}: btf-extractor cannot read this file ({error}).") from error
-
-
-def _directions(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], 1).astype(np.float32)
 
 
 def _check_window(rows: tuple[int, int], columns: tuple[int, int], shape: tuple[int, ...], where: str) -> None:

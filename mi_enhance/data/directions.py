@@ -51,6 +51,17 @@ def rusinkiewicz_to_directions(
     return to_surface(-x, -y), to_surface(x, y)
 
 
+def direction(theta: ArrayLike, phi: ArrayLike) -> np.ndarray:
+    """Return unit vectors (..., 3) by their angle to the normal and their azimuth, radians.
+
+    Examples
+    --------
+    >>> direction(np.pi / 2, 0.0).round(6)
+    array([1., 0., 0.])
+    """
+    return np.stack((np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)), -1)
+
+
 def half_difference(wi: ArrayLike, wo: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the polar angles of the half vector and the difference vector itself.
 

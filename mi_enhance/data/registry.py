@@ -12,18 +12,17 @@ what is heavy or optional inside of its functions, as RGL's does with Mitsuba.
 from __future__ import annotations
 
 import functools
-import importlib
-import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..system.modules import import_all
 from .measurements import Measurements
 
 
 @dataclass(frozen=True)
 class Reader:
-    """What reads one kind of file.
+    """The function that reads one kind of file, and how such files are known.
 
     Parameters
     ----------
@@ -60,8 +59,8 @@ def reader(kind: str, *, about: str, **how) -> Callable:
 
     Examples
     --------
-    >>> list(readers())
-    ['merl', 'nbrdf', 'nps', 'rgl', 'table']
+    >>> readers()["merl"].suffixes
+    ('.binary',)
     """
 
     def register(read: Callable[..., Measurements]) -> Callable[..., Measurements]:
@@ -79,5 +78,4 @@ def readers() -> Mapping[str, Reader]:
 
 @functools.cache
 def _import_all() -> None:
-    for module in pkgutil.iter_modules([str(Path(__file__).parent)], f"{__package__}."):
-        importlib.import_module(module.name)
+    import_all(__package__, [str(Path(__file__).parent)])

@@ -90,6 +90,8 @@ def evaluate(path: str | Path, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """
     import mitsuba as mi  # only this reader needs it
 
+    from ..numerics.arrays import vector3f
+
     where = f'data.load("{path}")'
     path = require_file(path, where)
     _check_file(path, where)
@@ -98,10 +100,10 @@ def evaluate(path: str | Path, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
         bsdf = mi.load_dict({"type": "measured", "filename": str(path.resolve())})
     except RuntimeError as error:
         raise ValueError(f"{where}: Mitsuba refuses this file: {error}") from error
-    wi, wo = (np.ascontiguousarray(np.asarray(w, np.float32).T) for w in (wi, wo))
+    light = vector3f(wo)
     si = mi.SurfaceInteraction3f()
-    si.wi = mi.Vector3f(wi)
-    f = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo))) / wo[2]
+    si.wi = vector3f(wi)
+    f = np.array(bsdf.eval(mi.BSDFContext(), si, light)) / np.array(light.z)
     if not np.isfinite(f).all():
         raise ValueError(
             f"{where}: evaluates to NaN or infinity for some directions. The file is damaged; download it again."

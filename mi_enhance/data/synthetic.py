@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .directions import MIN_COS, sample_pairs
+from .directions import MIN_COS, direction, sample_pairs
 from .measurements import Measurements, clamp_negative
 from .reference_brdfs import beckmann, ggx, ward
 
@@ -55,7 +55,7 @@ def ggx_anisotropic(
     alpha_y, alpha_x = np.sort(np.exp(rng.uniform(low, high, 2)))
     tilt, azimuth = rng.uniform(0, max_tilt), rng.uniform(0, 2 * np.pi)
     truth: dict = {
-        "n": np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]),
+        "n": direction(tilt, azimuth),
         "t_theta": rng.uniform(0, np.pi),
         "rho_d": rng.uniform(0, 1, 3),
         "rho_s": rng.uniform(0, _RHO_S_MAX, 3),

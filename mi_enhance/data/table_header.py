@@ -33,7 +33,7 @@ _LONGEST_FIRST = sorted(_UNITS, key=len, reverse=True)  # f_r before f
 _SEPARATORS = (";", "\t", ",", None)  # None: any white space; last, as it stands beside the others, too
 _COMMENT = re.compile(r"^\s*(?:#|%|//|sep=)")  # sep=: a line for Excel
 _MOST_LINES = 1000  # of text before the numbers
-# What says that angles are in degrees, outside of the header; "23 °C" and "seen at 45 deg" do not.
+# Words for angles in degrees, outside of the header; "23 °C" and "seen at 45 deg" do not.
 _DEGREES = re.compile(r"(?<!\d)(?<!\d\s)(?:\bdeg(?:rees?)?\b|°)(?!\s*[cf]\b)", re.IGNORECASE)
 _RADIANS = re.compile(r"\brad(?:ians?)?\b", re.IGNORECASE)
 _OF_ANGLES = re.compile(r"angle|theta|phi|polar|azimuth|unit|direction", re.IGNORECASE)
@@ -41,7 +41,7 @@ _OF_ANGLES = re.compile(r"angle|theta|phi|polar|azimuth|unit|direction", re.IGNO
 
 @dataclass(frozen=True)
 class Header:
-    """What the lines above the numbers say.
+    """The header of a table: what the lines above the numbers say.
 
     Parameters
     ----------

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..output.figure import _DPI
+from ..output.figure import sheet
 from ..output.srgb import encode_srgb
-from ..system.files import replacing
 
 _TILE_INCHES = 2.2
-
-
+_DPI = 160  # 352 pixels for a tile: three of them fill the width of a README
 _LINE = 0.28  # inches for a line of text above and below the renders
-
-
 _GAP = 0.04
-
-
 _PERCENTILE = 99.5  # top of the colour scale: a few fireflies must not make every map black
 
 
@@ -41,45 +35,39 @@ def draw(truth, candidates, path, *, title=None):
     >>> row = {"label": "GGX", "image": image, "error": error, "ssim": 1.0, "delta_E_ITP_1000": 0.0}
     >>> draw(("measured", image), [row], "out/comparison.png")  # doctest: +SKIP
     """
-    # Figure with its own Agg canvas: pyplot, and so the user's backend, is never touched.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
 
     height, width = truth[1].shape[:2]
     tile = _TILE_INCHES * height / width  # height of a tile
     size = (len(candidates) + 1) * (_TILE_INCHES + _GAP) - _GAP, 2 * tile + 2 * _LINE + _GAP
-    figure = Figure(figsize=size, dpi=_DPI)
-    FigureCanvasAgg(figure)
+    with sheet(path, size, _DPI, layout=None) as figure:
 
-    def axes(column, bottom):
-        left = column * (_TILE_INCHES + _GAP)
-        ax = figure.add_axes((left / size[0], bottom / size[1], _TILE_INCHES / size[0], tile / size[1]))
-        ax.set_axis_off()
-        return ax
+        def axes(column, bottom):
+            left = column * (_TILE_INCHES + _GAP)
+            ax = figure.add_axes((left / size[0], bottom / size[1], _TILE_INCHES / size[0], tile / size[1]))
+            ax.set_axis_off()
+            return ax
 
-    def render(column, image, label, text):
-        ax = axes(column, tile + _LINE)
-        ax.imshow(encode_srgb(image))
-        ax.set_title(label, fontsize=10, pad=4)
-        ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", fontsize=9)
+        def render(column, image, label, text):
+            ax = axes(column, tile + _LINE)
+            ax.imshow(encode_srgb(image))
+            ax.set_title(label, fontsize=10, pad=4)
+            ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", fontsize=9)
 
-    errors = [1000 * candidate["error"] for candidate in candidates]
-    # 1e-3 keeps the scale from being empty where every candidate equals the truth
-    scale = Normalize(0, max(1e-3, float(np.percentile(errors, _PERCENTILE))))
-    render(0, truth[1], truth[0], "ground truth")
-    for column, (candidate, error) in enumerate(zip(candidates, errors, strict=True), start=1):
-        text = f"SSIM {candidate['ssim']:.4f}   $10^3\\,\\Delta E_{{ITP}}$ {candidate['delta_E_ITP_1000']:.2f}"
-        render(column, candidate["image"], candidate["label"], text)
-        axes(column, 0).imshow(error, cmap="inferno", norm=scale)
+        errors = [1000 * candidate["error"] for candidate in candidates]
+        # 1e-3 keeps the scale from being empty where every candidate equals the truth
+        scale = Normalize(0, max(1e-3, float(np.percentile(errors, _PERCENTILE))))
+        render(0, truth[1], truth[0], "ground truth")
+        for column, (candidate, error) in enumerate(zip(candidates, errors, strict=True), start=1):
+            text = f"SSIM {candidate['ssim']:.4f}   $10^3\\,\\Delta E_{{ITP}}$ {candidate['delta_E_ITP_1000']:.2f}"
+            render(column, candidate["image"], candidate["label"], text)
+            axes(column, 0).imshow(error, cmap="inferno", norm=scale)
 
-    # the place under the ground truth has no error map to show: name and colour scale go there
-    legend = axes(0, 0)
-    legend.text(0.5, 0.75, title or "", ha="center", fontsize=11, fontweight="bold")
-    bar = legend.inset_axes((0.08, 0.42, 0.84, 0.07))
-    figure.colorbar(ScalarMappable(scale, "inferno"), cax=bar, orientation="horizontal", extend="max")
-    bar.tick_params(labelsize=8)
-    bar.set_title("error: $10^3\\,\\Delta E_{ITP}$ of each pixel", fontsize=9)
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
+        # the place under the ground truth has no error map to show: name and colour scale go there
+        legend = axes(0, 0)
+        legend.text(0.5, 0.75, title or "", ha="center", fontsize=11, fontweight="bold")
+        bar = legend.inset_axes((0.08, 0.42, 0.84, 0.07))
+        figure.colorbar(ScalarMappable(scale, "inferno"), cax=bar, orientation="horizontal", extend="max")
+        bar.tick_params(labelsize=8)
+        bar.set_title("error: $10^3\\,\\Delta E_{ITP}$ of each pixel", fontsize=9)

@@ -75,7 +75,7 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
     Parameters
     ----------
     material : Material
-        A network, with its library.
+        A network, with its library. A library of one material leaves all parameters free.
     weight : float or array (B,)
         How much the prior counts beside a mean loss, for all problems or for each.
     """
@@ -85,11 +85,12 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
         [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]
     )
     kept = np.flatnonzero(~free)
-    covariance = np.cov(u[:, kept].T)
-    # a tenth of the variances on top: what 300 materials have in common is not certain for the next one
-    covariance += np.diag(0.1 * np.diag(covariance) + 1e-6)
     precision = np.zeros((u.shape[1], u.shape[1]))
-    precision[np.ix_(kept, kept)] = np.linalg.inv(covariance)
+    if len(u) > 1:  # one material says nothing of how much others differ from it
+        covariance = np.cov(u[:, kept].T)
+        # a tenth of the variances on top: what 300 materials have in common is not certain for the next one
+        covariance += np.diag(0.1 * np.diag(covariance) + 1e-6)
+        precision[np.ix_(kept, kept)] = np.linalg.inv(covariance)
     return Prior(u.mean(0), np.asarray(weight)[..., None, None] * precision)
 
 

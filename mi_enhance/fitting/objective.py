@@ -88,7 +88,7 @@ class Objective:
         params = parameters.unflatten(self.brdf.parameters, self.space.to_physical(p_leaves))
         graph, record, active = self.brdf.prepare(self.wi, self.wo, params, self.evaluators)
         colours = parameters.colours(self.brdf.parameters)
-        # What lies below the colours is a scalar: one backward pass through the networks serves all three channels.
+        # Everything below the colours is a scalar: one backward pass through the modules serves all three channels.
         values = {node.name: node(record) for node in _scalar_parts(graph, colours)}
         cuts = {name: v for name, v in values.items() if dr.grad_enabled(v)}  # an analytic B is the number 1
         heads = {name: dr.detach(v) for name, v in cuts.items()}
@@ -139,7 +139,7 @@ class Objective:
         u = [dr.gather(mi.Float, flat, problem + k * self.n_problems) for k in range(self.brdf.n_parameters)]
         params = parameters.unflatten(self.brdf.parameters, self.space.to_physical(u))
         folded = self.brdf.fold(params, self.evaluators)
-        # What belongs to a problem becomes B * n lanes wide by hand, so that its gradient is summed in one go below.
+        # The values of a problem become B * n lanes wide by hand, so that its gradient is summed in one go below.
         narrow = [*_arrays(params), *(v for bias in folded.values() for v in bias)]
         wide = [dr.repeat(dr.detach(v), self.n) for v in narrow]
         dr.enable_grad(wide)

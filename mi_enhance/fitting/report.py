@@ -1,4 +1,4 @@
-"""What a fit says of its result: the entries of ``Material.report``."""
+"""The report of a fit: entries of ``Material.report``."""
 
 from __future__ import annotations
 

@@ -1,15 +1,15 @@
-"""How well the samples of a fit determine each parameter: standard deviations, and the parameters they leave open."""
+"""Standard deviation of each fitted parameter, and the parameters that the samples leave open."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameter_space, parameters
 from ..data.measurements import Measurements
 from ..material.material import Material
+from ..numerics.arrays import color3f, vector3f
 from .objective import Objective
 
 # Residuals count as at least this much: below it is what float32 and the model's own shape leave, not information.
@@ -64,9 +64,8 @@ def determined(
     u = space.to_free(material.as_vector())
     spread = (space.high - space.low) / np.sqrt(12)  # of a number anywhere in the range
     free = np.flatnonzero(spread)
-    wi, wo, f = (np.ascontiguousarray(a.T) for a in (measurements.wi, measurements.wo, measurements.f))
     n = len(measurements.f)
-    problem = Objective(brdf, mi.Vector3f(wi), mi.Vector3f(wo), mi.Color3f(f), n)
+    problem = Objective(brdf, vector3f(measurements.wi), vector3f(measurements.wo), color3f(measurements.f), n)
     # residuals far below `same` all have the same weight, 1 / same: what is left is J^T J
     same = 1e3
     h = problem.normal_equations(u[None], np.array([same]))[0][0] * (3 * n * same)

@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..system.files import read_json, replacing
+from ..system.files import read_json, write_text
 from ..training.trainer import Trainer
 from . import states
 from .inheritance import inherit
@@ -108,5 +108,4 @@ def run(trainer: Trainer, checkpoint: Path, report: Callable[[list[float]], None
 
 
 def _write(path: Path, content: dict) -> None:
-    with replacing(path) as temporary:
-        Path(temporary).write_text(json.dumps(content) + "\n")
+    write_text(path, json.dumps(content) + "\n")

@@ -30,7 +30,7 @@ def choices_of(settings: SearchSettings) -> dict[str, tuple[states.Choice, ...]]
 
 
 class Setup:
-    """What all candidates of a search share, read once per process.
+    """Settings, model, choices and samples that all candidates of a search share, read once per process.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from ..system.files import read_json, replacing
+from ..system.files import read_json, write_text
 from . import states
 from .setup import Setup
 
@@ -18,8 +18,7 @@ def read_stages(folder: Path) -> list[dict]:
 
 def write_stages(folder: Path, stages: list[dict]) -> None:
     """Write the log as a whole: a killed search never leaves half a line."""
-    with replacing(folder / "stages.jsonl") as temporary:
-        Path(temporary).write_text("".join(json.dumps(s) + "\n" for s in stages))
+    write_text(folder / "stages.jsonl", "".join(json.dumps(s) + "\n" for s in stages))
 
 
 def is_over(stages: list[dict]) -> bool:

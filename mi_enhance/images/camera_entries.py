@@ -1,4 +1,4 @@
-"""What the entries of a ``transforms.json`` say of a camera: each is honoured, refused, or known to change no picture.
+"""Entries of a ``transforms.json`` about the camera: each is honoured, refused, or known to change no picture.
 
 The entries are those of nerfstudio, instant-ngp and its ``colmap2nerf``, Blender's NeRF exporters, and the converters
 of Metashape, Polycam, Record3D, RealityCapture. The table is in docs/images.md.
@@ -76,7 +76,7 @@ class Intrinsics(NamedTuple):
 
     @property
     def is_square(self) -> bool:
-        """Whether pixels are as wide as high."""
+        """True if pixels are as wide as high."""
         return abs(self.focal_y / self.focal_x - 1) <= _SQUARE
 
 

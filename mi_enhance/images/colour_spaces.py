@@ -23,7 +23,7 @@ Curve = Callable[[np.ndarray], np.ndarray]
 
 
 class ColourSpace(NamedTuple):
-    """How numbers in [0, 1] become linear RGB with the primaries of sRGB.
+    """A conversion of numbers in [0, 1] to linear RGB with the primaries of sRGB.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a photograph's EXIF says of how it is stored (CIPA DC-008): orientation and colour space."""
+"""Orientation and colour space from a photograph's EXIF (CIPA DC-008)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def orientation_of(tags) -> int:
 
 
 def is_adobe_rgb(tags) -> bool:
-    """Whether Pillow's ``Exif`` says Adobe RGB, as cameras do that embed no profile."""
+    """True if Pillow's ``Exif`` says Adobe RGB, as cameras do that embed no profile."""
     try:
         return str(tags.get_ifd(_INTEROPERABILITY).get(_INDEX, "")).startswith("R03")
     except Exception:  # noqa: BLE001  (damaged metadata raises anything; the pixels are as good)

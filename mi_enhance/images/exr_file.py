@@ -17,7 +17,7 @@ _MOST_NUMBERS = 1 << 31  # of all channels together: 8 GB, and more than the mem
 
 
 class _Channel:
-    """What the header says of a channel; its name may be no text, which is found here."""
+    """A channel as the header describes it; a name that is no text raises here."""
 
     def __init__(self, channel: Any):
         self.name, self.step_x, self.step_y = str(channel.name), channel.xSampling, channel.ySampling

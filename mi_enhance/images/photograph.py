@@ -16,7 +16,7 @@ _MOST_PIXELS = 175_000_000
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Photograph:
-    """What a file holds.
+    """The content of an image file.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ def _check_pixels(chunks: dict[bytes, list[bytes]], header: _Header, where: str)
 
 
 def _space(chunks: dict[bytes, list[bytes]]) -> ColourSpace:
-    """What the numbers mean: cICP before iCCP before sRGB before gAMA and cHRM, as the standard says."""
+    """Return the colour space: cICP before iCCP before sRGB before gAMA and cHRM, as the standard says."""
     if b"cICP" in chunks:
         primaries, curve, matrix, full = struct.unpack(">BBBB", chunks[b"cICP"][0])
         if primaries not in CICP_PRIMARIES or curve not in CICP_CURVES or matrix or full != 1:

@@ -11,7 +11,7 @@ from ..system.messages import shortened
 
 FILE = "transforms.json"
 SPLITS = ("train", "test")
-# What NeRF's own data sets have in the place of one file, and what is held out of it.
+# The files of NeRF's own data sets, which stand for one file, and the split of each.
 _SPLIT_FILES = {"transforms_train.json": "train", "transforms_val.json": "test", "transforms_test.json": "test"}
 _SPLIT_LISTS = {"train_filenames": "train", "val_filenames": "test", "test_filenames": "test"}
 
@@ -27,7 +27,7 @@ def pose_files(path: Path, where: str) -> dict[Path, str | None]:
 
 
 def read_poses(file: Path, where: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What a file says of all frames, and of each."""
+    """Read a pose file: return its entries for all frames, and those of each frame."""
     try:
         content = json.loads(file.read_bytes())  # bytes: UTF-8 with and without mark, UTF-16, UTF-32
     except (ValueError, RecursionError) as error:  # no JSON, no text, or nested to break the parser
@@ -44,7 +44,7 @@ def read_poses(file: Path, where: str) -> tuple[dict[str, Any], list[dict[str, A
 
 
 def split(content: dict[str, Any], frame: dict[str, Any], where: str) -> str | None:
-    """Whether a frame is fitted or held out; None where lists of files leave it out."""
+    """Return "train" if a frame is fitted, "test" if it is held out; None where lists of files leave it out."""
     split = frame.get("split")
     if split is not None:
         if split not in SPLITS:

@@ -28,7 +28,7 @@ class SceneMaterial:
 
     @property
     def is_textured(self) -> bool:
-        """Whether a parameter varies over the surface."""
+        """True if a parameter varies over the surface."""
         return len(self.keys) < len(self.material.brdf.parameters) or any(
             not key.endswith(f".{name}") for name, key in self.keys.items()
         )

@@ -1,4 +1,4 @@
-"""Where a fit to images starts: sets of parameters, with the colours that explain the photographs best."""
+"""Starts of a fit to images: sets of parameters, with the colours that explain the photographs best."""
 
 from __future__ import annotations
 

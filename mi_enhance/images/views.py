@@ -70,7 +70,7 @@ class View:
 
     @property
     def saturated(self) -> np.ndarray:
-        """Where the photograph only says "at least this bright", (H, W, 3) of bool."""
+        """Mask (H, W, 3) of the pixels that only say "at least this bright"."""
         return self.image >= self.ceiling * (1 - 1e-6)  # 1e-6: float32
 
     def sensor(self) -> dict:

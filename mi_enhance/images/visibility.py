@@ -1,4 +1,4 @@
-"""What photographs see of the unknowns of a fit: which of their pixels change when these do."""
+"""Visibility of the unknowns of a fit in its photographs: the pixels that change when an unknown does."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def plain(material: Material) -> Material:
 
 
 def _terms(material: Material) -> Iterator[tuple[int, str, parameters.Parameter]]:
-    """Additive terms of the BRDF with one colour and a network that can be scaled: number, slot, colour."""
+    """Additive terms of the BRDF with one colour and a module that can be scaled: number, slot, colour."""
     colours = {p.name: p for p in material.brdf.model.parameters if p.is_colour}
     for k, term in enumerate(_parts(material.brdf.model.graph, "+")):
         slots = [n.name for n in _parts(term, "*") if f"norm_{n.name}" in material.params]

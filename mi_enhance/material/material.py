@@ -13,6 +13,7 @@ import numpy as np
 
 from ..analytic import parameters
 from ..analytic.models import Model
+from ..data.directions import UNIT_TOLERANCE
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.trainable import fused
@@ -27,7 +28,7 @@ from .reports import SpecializeReport
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Material(OldNames):
-    """What is saved, loaded, edited, shown and rendered.
+    """A material: the record that is saved, loaded, edited, shown and rendered.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ class Material(OldNames):
 
     @property
     def sampled_by(self) -> Mixture:
-        """How directions are drawn: :attr:`mixture`, or what stands in for it; needs a JIT variant."""
+        """The mixture that draws directions: :attr:`mixture`, or one of `lobe_albedo`; needs a JIT variant."""
         return self.mixture or lobe_mixture.of_lobe_albedo(
             len(self.brdf.model.lobes(self.as_drjit())), self.lobe_albedo
         )
@@ -256,8 +257,8 @@ def _directions(wi: np.ndarray, wo: np.ndarray) -> list[mi.Vector3f]:
             f"Material.evaluate(): wi and wo have shapes {shapes[0]} and {shapes[1]}; both must be (N, 3)."
         )
     for key, w in arrays.items():
-        # 1e-3: float32 and short decimals, as for measurements; NaN and infinity are not within it either
-        bad = ~(np.abs(np.linalg.norm(w.astype(np.float64), axis=1) - 1) <= 1e-3)
+        # as for measurements; NaN and infinity are not within it either
+        bad = ~(np.abs(np.linalg.norm(w.astype(np.float64), axis=1) - 1) <= UNIT_TOLERANCE)
         if bad.any():
             k = int(np.argmax(bad))
             raise ValueError(

@@ -243,7 +243,7 @@ def _typed(description: Mapping, key: str, default: Any, what: str, where: str) 
 
 
 def _mixture(description: Mapping, brdf: EnhancedBRDF, where: str) -> Mixture | None:
-    """How the material of a file is sampled; a file need not say."""
+    """Return the sampling mixture in the description of a file; None if it has none."""
     if description.get("mixture") is None:
         return None
     initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))

@@ -1,4 +1,4 @@
-"""What materials say of how they were made: keys of ``Material.report``, JSON types only."""
+"""Keys of ``Material.report``, the record of how a material was made; JSON types only."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TypedDict
 
 
 class SpecializeReport(TypedDict, total=False):
-    """What :func:`mi_enhance.specialization.specialize.specialize` adds; see there."""
+    """Entries that :func:`mi_enhance.specialization.specialize.specialize` adds; see there."""
 
     specialize_network: str
     specialize_error: float

@@ -1,4 +1,4 @@
-"""Pictures: a comparison (renders in a row, their figures, error maps with one scale), the curve of a training."""
+"""Figures that are written as PNG, whole or not at all, without the user's backend."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import contextlib
 
 from ..system.files import replacing
 
-_DPI = 160  # 352 pixels for a tile: three of them fill the width of a README
-
 
 @contextlib.contextmanager
-def sheet(path, size, dpi):
+def sheet(path, size, dpi, layout="constrained"):
     """Yield a figure that is written as PNG when the block ends: `size` in inches, axes laid out to fit.
 
-    It has its own Agg canvas: pyplot, and so the user's backend, is never touched.
+    With `layout` None axes stay where they are put. The figure has its own Agg canvas: pyplot, and so the user's
+    backend, is never touched.
 
     Examples
     --------
@@ -23,7 +22,7 @@ def sheet(path, size, dpi):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, dpi=dpi, layout="constrained")
+    figure = Figure(figsize=size, dpi=dpi, layout=layout)
     FigureCanvasAgg(figure)
     yield figure
     with replacing(path) as temporary:

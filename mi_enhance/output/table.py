@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..system.files import replacing
+from ..system.files import replacing, write_text
 
 Rows = Sequence[Mapping[str, Any]]
 Columns = Mapping[str, tuple[str, str]]
@@ -97,8 +97,7 @@ def write_table(rows: Rows, stem: str | Path, columns: Columns | None = None) ->
         writer.writeheader()
         writer.writerows(rows)
     for suffix, text in (("json", json.dumps(rows, indent=1)), ("md", markdown(rows, columns))):
-        with replacing(paths[suffix]) as temporary:
-            Path(temporary).write_text(text + "\n", encoding="utf8")
+        write_text(paths[suffix], text + "\n")
     return paths
 
 

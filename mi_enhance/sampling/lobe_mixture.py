@@ -1,4 +1,4 @@
-"""How often each lobe of a material is sampled."""
+"""The sampling mixture of a material: the share of each lobe."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ NODES = 8  # of a mixture, evenly spaced in the square root of the cosine
 
 
 class Mixture(NamedTuple):
-    """How a material is sampled: found by :func:`mi_enhance.sampling.mixture_fit.fit_mixture`, kept in its file.
+    """The shares that sample a material.
+
+    :func:`mi_enhance.sampling.mixture_fit.fit_mixture` finds them; the file of the material keeps them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What all readers need from the file system: a file that is there, and writing that never leaves half a file."""
+"""Files that are there, and writing that never leaves half a file: shared by all readers and writers."""
 
 from __future__ import annotations
 
@@ -73,6 +73,21 @@ def replacing(path: str | Path) -> Iterator[str]:
     except BaseException:
         os.unlink(temporary)
         raise
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "a.json"
+    >>> write_text(path, "[]")
+    >>> path.read_text()
+    '[]'
+    """
+    with replacing(path) as temporary:
+        Path(temporary).write_text(text, encoding="utf-8")
 
 
 def _umask() -> int:

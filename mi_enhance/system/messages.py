@@ -28,5 +28,15 @@ def shortened(value: object, length: int = 60) -> str:
     >>> shortened("a" * 100, 10)
     "'aaaaaa..."
     """
-    text = repr(value)
+    return cut(repr(value), length)
+
+
+def cut(text: str, length: int = 60) -> str:
+    """Return a text, cut to `length` characters.
+
+    Examples
+    --------
+    >>> cut("a + b + c + d", 10)
+    'a + b +...'
+    """
     return text if len(text) <= length else f"{text[: length - 3]}..."

@@ -1,4 +1,4 @@
-"""What long functions tell while they run: one record, one kind of callback. Nothing below ``cli/`` prints."""
+"""Progress of long functions: one record, one kind of callback. Nothing below ``cli/`` prints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """Where a long function is.
+    """The state of a long function.
 
     Parameters
     ----------

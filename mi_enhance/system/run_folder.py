@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from .files import read_json, replacing
+from .files import read_json, write_text
 
 
 def keep_settings(file: Path, settings: Mapping, where: str, *, begun: bool = True) -> None:
@@ -50,8 +50,7 @@ def keep_settings(file: Path, settings: Mapping, where: str, *, begun: bool = Tr
             )
         return
     file.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(file) as temporary:
-        Path(temporary).write_text(text, encoding="utf-8")
+    write_text(file, text)
 
 
 def _differing(kept: object, asked: object) -> str:

@@ -14,7 +14,7 @@ _TOO_MUCH = 1e12  # no setting is that large; infinity and NaN are refused by it
 
 @dataclasses.dataclass(frozen=True)
 class Rule:
-    """What a setting may be.
+    """The range of a setting.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ _MAX_FIELDS = 4096  # a material has a few dozen; stops a damaged count before i
 
 @dataclass(frozen=True)
 class Field:
-    """Where one tensor lies in the file."""
+    """Type, shape and place of one tensor in the file."""
 
     dtype: np.dtype
     shape: tuple[int, ...]

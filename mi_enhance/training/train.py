@@ -17,7 +17,7 @@ import numpy as np
 
 from ..analytic import models
 from ..neural.enhance import enhance
-from ..system.files import read_json, replacing
+from ..system.files import read_json, write_text
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
 from .analytic_start import analytic_start, validate
@@ -110,8 +110,7 @@ def train(
                 record |= {f"validation {kind}": loss for kind, loss in losses_unseen.items()}
             curve = [*_curve(folder), {**record, "seconds": round(seconds, 1)}]
             # all lines at once: a killed run never leaves half a line
-            with replacing(folder / "curve.jsonl") as temporary:
-                Path(temporary).write_text("".join(json.dumps(line) + "\n" for line in curve))
+            write_text(folder / "curve.jsonl", "".join(json.dumps(line) + "\n" for line in curve))
             trainer.save(checkpoint)
             _ship(trainer, folder)
             if _has_validation(record):

@@ -95,6 +95,15 @@ def test_retro_reflective_samples_leave_the_rest_to_the_training_materials(llvm)
     assert error["with"] < error["without"]
 
 
+def test_a_library_of_one_material_is_a_start_and_no_prior(llvm):
+    """As of a network that was trained on one file: it has no variances, and the fit must not be NaN."""
+    alone = dataclasses.replace(network(), library=network().library[:1])
+    assert not from_library(alone, 1.0).precision.any()
+    samples = measured(network().edit(rho_d=0.3, rho_s=0.5), *sample_pairs(500))
+    found = fit(alone, samples)
+    assert np.isfinite(found.as_vector()).all() and found.report["log_l1"] <= found.report["log_l1_analytic"]
+
+
 def test_reciprocal_fit_is_reciprocal_and_the_other_follows_the_file(llvm):
     truth = network(strength=1.0).edit(rho_d=0.5, asymmetry=1.5)
     wi, wo = sample_pairs(2000, seed=3)

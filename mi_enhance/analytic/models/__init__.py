@@ -1,8 +1,10 @@
 """Analytic reflectance models as graphs with named parameters: every enhancement starts from one (paper, section 3).
 
-A model is a function with the decorator `@model`. To add one, write its file and import it here.
+A model is a function with the decorator `@model`. To add one, write its file: all files of this folder are imported,
+and `models.NAME` is the function. Those of the package are listed for editors and type checkers.
 """
 
+from ...system.modules import import_all
 from .abc import abc
 from .ashikhmin_shirley import ashikhmin_shirley
 from .cook_torrance import cook_torrance
@@ -25,3 +27,6 @@ __all__ = [
     "ggx2",
     "ward",
 ]
+
+import_all(__name__, __path__)
+globals().update(MODELS)

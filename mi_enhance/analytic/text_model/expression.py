@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 import drjit as dr
 import mitsuba as mi
 
-from ...system.messages import did_you_mean, shortened
+from ...system.messages import cut, did_you_mean, shortened
 
 # A hostile text must not ask for much time or stack: Python's own parser and the recursion below stay shallow.
 _MAX_LENGTH, _MAX_DEPTH = 2000, 100
@@ -122,12 +122,12 @@ def parse(text: str, kinds: Mapping[str, str], where: str) -> Expression:
         )
     text = " ".join(text.split())
     if strange := re.search(r"[^\w.+*/(), -]", text, re.ASCII):
-        raise ValueError(f'{where}: "{strange[0]}" has no place in the expression "{_short(text)}". {_ALLOWED}')
+        raise ValueError(f'{where}: "{strange[0]}" has no place in the expression "{cut(text)}". {_ALLOWED}')
     try:
         tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:  # the last two: a thousand signs in a row
         reason = getattr(error, "msg", None) or type(error).__name__
-        raise ValueError(f'{where}: "{_short(text)}" is not an expression ({reason}). {_ALLOWED}') from None
+        raise ValueError(f'{where}: "{cut(text)}" is not an expression ({reason}). {_ALLOWED}') from None
     reads: dict[str, None] = {}
     is_colour = _check(tree, 0, text, kinds, where, reads)
     return Expression(tree, tuple(reads), is_colour)
@@ -140,16 +140,12 @@ def shown(value: object) -> str:
     return "nothing" if value is None else shortened(value)
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 def _check(node: ast.expr, depth: int, text: str, kinds: Mapping[str, str], where: str, reads: dict) -> bool:
     """Tell whether `node` is proportional to a colour; note the names it reads; refuse all but arithmetic."""
 
     def refuse(what: str, hint: str) -> NoReturn:
         # offsets count bytes, and all characters are ASCII
-        raise ValueError(f'{where}: {what} in "{_short(text[node.col_offset : node.end_col_offset])}". {hint}')
+        raise ValueError(f'{where}: {what} in "{cut(text[node.col_offset : node.end_col_offset])}". {hint}')
 
     def read(name: str, component: bool) -> bool:
         if name not in kinds:
