@@ -85,8 +85,8 @@ def fit(
 
     Examples
     --------
-    >>> from mi_enhance import data
-    >>> m, truth = data.synthetic.ggx_anisotropic(3, n_samples=500, noise=0)
+    >>> from mi_enhance.data import synthetic
+    >>> m, truth = synthetic.ggx_anisotropic(3, n_samples=500, noise=0)
     >>> fit(Material.analytic("ggx"), m).report["log_l1"] < 1e-3
     True
     """
