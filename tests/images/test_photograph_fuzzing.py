@@ -35,7 +35,7 @@ def test_damage_is_read_or_refused(tmp_path, seed):
 
 @pytest.mark.slow
 def test_much_damage_is_read_or_refused(tmp_path):
-    """5 GB: the most that a photograph may have, 150 million pixels, twice as float32; a header that asks for more is seen."""
+    """5 GB: 150 million pixels, the most that are read, twice as float32; a header that asks for more is seen."""
     for seed in (2, 3):
         found = fuzz(tmp_path, 200, seed)
         assert found["wrong"] == 0 and found["megabytes"] < 5000
