@@ -18,6 +18,7 @@ import mitsuba as mi  # isort: skip
 
 from mi_enhance.images.colour_spaces import ADOBE_RGB, decode_srgb
 from mi_enhance.images.view_files import FILE, read_views, write_views
+from mi_enhance.images.views import View
 
 HALF = np.full((HEIGHT, WIDTH), 0.5, np.float32)
 
@@ -325,3 +326,18 @@ def test_photographs_are_made_smaller_as_they_are_read(read, tmp_path):
     assert small.size == (WIDTH // 2, HEIGHT // 2) and small.name == view.name
     with pytest.raises(ValueError, match="positive integer"):
         read_views(tmp_path, factor=0)
+
+
+@pytest.mark.parametrize("ceiling", [0.3, 0.8, 1.0, np.inf])
+def test_png_files_keep_where_a_view_is_saturated(llvm, tmp_path, ceiling):
+    image = np.full((4, 4, 3), min(ceiling, 5), np.float32)
+    image[0] = 0.1
+    view = View("a", image, np.eye(4), 40.0, ceiling=ceiling)
+    (again,) = read_views(write_views([view], tmp_path, suffix=".png"))
+    np.testing.assert_array_equal(again.saturated[:, 0, 0], [False, True, True, True])
+
+
+@pytest.mark.parametrize("name", ["A", "mask", "Z", "Y", "ViewLayer.Mask.X"])
+def test_a_mask_may_be_the_only_channel_of_an_exr_file(read, tmp_path, name):
+    exr(tmp_path / "m.exr", {name: square()})
+    np.testing.assert_array_equal(read("a.png", eight_bits(128), mask_path="m.exr").mask, square() > 0)
