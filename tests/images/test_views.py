@@ -120,7 +120,7 @@ WRONG = {
     "neither camera_angle_x": lambda c: c["frames"][0].pop("camera_angle_x"),
     "it is in radians": lambda c: c["frames"][0].update(camera_angle_x=40),
     "lens distortion": lambda c: c.update(k1=0.1),
-    'split "val" is unknown': lambda c: c["frames"][0].update(split="val"),
+    'split "half" is unknown': lambda c: c["frames"][0].update(split="half"),
     "the name of two frames": lambda c: c["frames"][1].update(file_path="view_00.exr"),
     "camera_angle_x must be a number": lambda c: c["frames"][0].update(camera_angle_x="wide"),
     "Give it the same size": lambda c: c["frames"][0].update(mask_path="small.png"),
