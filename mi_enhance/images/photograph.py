@@ -28,12 +28,15 @@ class Photograph:
         Value at which the camera saturates.
     orientation : int
         As EXIF counts, 1 to 8: `image` is as it is stored, see :func:`turned`.
+    exposure : float, optional
+        What the camera has made of the same radiance, relative to other photographs, where EXIF tells it.
     """
 
     image: np.ndarray
     alpha: np.ndarray | None = None
     ceiling: float = math.inf
     orientation: int = 1
+    exposure: float | None = None
 
 
 def read_photograph(file: Path, where: str, *, is_mask: bool = False) -> Photograph:

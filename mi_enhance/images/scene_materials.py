@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -68,7 +69,7 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
         If a material is specialized, or one that is given is of no BSDF in the scene or has another model than that.
     """
     result = {}
-    nodes = [node for node in params.hierarchy if isinstance(node, mi.BSDF) and hasattr(node, "material")]
+    nodes: list[Any] = [node for node in params.hierarchy if isinstance(node, mi.BSDF) and hasattr(node, "material")]
     ids = Counter(node.id() for node in nodes)  # in a dictionary it is the name of the entry, "bsdf" for all
     for node in nodes:
         if node.material.brdf.distilled:

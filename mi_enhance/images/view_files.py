@@ -27,6 +27,7 @@ from .views import View
 
 _SUFFIXES = (".exr", ".png", ".jpg", ".jpeg")
 _WHOLE = 0.99  # alpha from which a pixel shows nothing but the object: what is behind it is not known
+_SAME_EXPOSURE = 1.1  # more is another setting of the camera, less its rounding
 _MASK = 0.2  # linear, half of the 8-bit range: mask files are drawn, not measured
 
 
@@ -61,6 +62,7 @@ def read_views(path: str | Path, *, factor: int = 1) -> list[View]:
     files = pose_files(Path(path), where)
     views: list[View] = []
     paths: list[str] = []
+    exposures: set[float] = set()
     poses = {file: read_poses(file, where) for file in files}
     contents = [entries for content, frames in poses.values() for entries in (content, *frames)]
     check_same_for_all([merged(content, frame) for content, frames in poses.values() for frame in frames], where)
@@ -70,16 +72,27 @@ def read_views(path: str | Path, *, factor: int = 1) -> list[View]:
         for k, (frame, own) in enumerate(zip(frames, of_frames, strict=True)):
             if own:
                 paths.append(frame["file_path"])
-                views.append(_view(content, frame, file.parent, own, f"{at}, frame {k}").smaller(factor))
+                view, exposure = _view(content, frame, file.parent, own, f"{at}, frame {k}")
+                views.append(view.smaller(factor))
+                exposures |= {exposure} if exposure else set()
     unknown = sorted({name for entries in contents for name in unknown_entries(entries)})
     if unknown:
         warnings.warn(f"{where}: entries that are not known are passed over: {', '.join(unknown)}", stacklevel=2)
+    if exposures and max(exposures) > _SAME_EXPOSURE * min(exposures):
+        warnings.warn(
+            f"{where}: by their EXIF (time, f-number, ISO) some photographs are exposed "
+            f"{max(exposures) / min(exposures):.3g} times as much as others, which is not modelled. Bring them to one "
+            "brightness if they are not.",
+            stacklevel=2,
+        )
     if not views:
         raise ValueError(f"{where}: train_filenames and the like name no frame. Give the names that file_path has.")
     return _those_that_count(_with_names(views, where), paths, where)
 
 
-def _view(content: dict[str, Any], frame: dict[str, Any], folder: Path, split: str, where: str) -> View:
+def _view(
+    content: dict[str, Any], frame: dict[str, Any], folder: Path, split: str, where: str
+) -> tuple[View, float | None]:
     both = merged(content, frame)
     check_camera(both, where)
     to_world = pose(frame.get("transform_matrix"), where)
@@ -115,7 +128,8 @@ def _view(content: dict[str, Any], frame: dict[str, Any], folder: Path, split: s
         ceiling,
         (camera.center_x / width, camera.center_y / height),
     )
-    return view if camera.is_square else view.with_square_pixels(camera.focal_y / camera.focal_x)
+    view = view if camera.is_square else view.with_square_pixels(camera.focal_y / camera.focal_x)
+    return view, photograph.exposure
 
 
 def _image_file(folder: Path, name: str, where: str, entry: str) -> Path:

@@ -282,6 +282,25 @@ def test_orientation_is_honoured(read, tmp_path, orientation):
         np.testing.assert_allclose(view.image[..., 0], decode_srgb(np.asarray(stored) / 255), rtol=1e-5)
 
 
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_exposures_of_exif_that_differ_are_told(read, tmp_path, suffix):
+    def photographed(name, seconds, iso):
+        exif = Image.Exif()
+        exif[0x010F] = "maker"
+        exif.get_ifd(0x8769).update({0x829A: seconds, 0x8827: iso, 0x829D: 4.0})  # time, ISO, f-number
+        Image.new("RGB", (WIDTH, HEIGHT), (128, 128, 128)).save(tmp_path / f"{name}.{suffix}", exif=exif)
+
+    content = poses(f"a.{suffix}")
+    content["frames"] += [{**content["frames"][0], "file_path": f"b.{suffix}"}]
+    (tmp_path / FILE).write_text(json.dumps(content))
+    photographed("a", 0.01, 400)
+    photographed("b", 0.04, 100)
+    assert len(read_views(tmp_path)) == 2  # as much light, pytest would raise for a warning
+    photographed("b", 0.04, 400)
+    with pytest.warns(UserWarning, match="exposed 4 times as much as others"):
+        read_views(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["rgb.png", "baseline.jpg", "progressive.jpg", "zip.exr", "tiled.exr"])
 def test_files_that_are_cut_off_are_refused(read, tmp_path, name):
     content = samples(tmp_path)[name]
