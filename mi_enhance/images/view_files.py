@@ -192,7 +192,7 @@ def _those_that_count(views: list[View], paths: list[str], where: str) -> list[V
     if not empty:
         return views
     names = f"{', '.join(empty[:5])}{', ...' if len(empty) > 5 else ''}"
-    advice = f"White is what counts in a mask, opaque (alpha above {_WHOLE}) in a photograph."
+    advice = f"White (255, not 1) is what counts in a mask, opaque (alpha above {_WHOLE}) in a photograph."
     if len(empty) == len(views):
         raise ValueError(f"{where}: no pixel counts in any of the {len(views)} images ({names}). {advice}")
     warnings.warn(
@@ -223,7 +223,8 @@ def write_views(views: Sequence[View], folder: str | Path, *, suffix: str = ".ex
     Raises
     ------
     ValueError
-        If the suffix is unknown, or a file of somebody else has the name of one that is to be written; then nothing is.
+        If the suffix is unknown, a PNG file were to hold NaN, or a file of somebody else has the name of one that is to
+        be written; then nothing is.
 
     Examples
     --------
@@ -233,6 +234,8 @@ def write_views(views: Sequence[View], folder: str | Path, *, suffix: str = ".ex
         raise ValueError(f'write_views(): suffix "{suffix}" is unknown. Choose one of: .exr, .png.')
     own, frames, taken = OwnFiles(Path(folder), "write_views()"), [], {FILE}
     for view in views:
+        if suffix == ".png" and np.isnan(view.image).any():  # which has no NaN; under the mask it has become 0
+            raise ValueError(f'write_views(): view "{view.name}" holds NaN where it counts. Mask it, or write .exr.')
         width, height = view.size
         frame: dict[str, Any] = {
             "file_path": _free_name(inner_name(view.name), suffix, taken),
