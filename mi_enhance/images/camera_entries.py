@@ -21,9 +21,17 @@ _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "
 # Numbers, or lists of them, that bend the picture: k1..k6 radial, p1..p4 tangential, s1..s4 and sx, sy thin prism, b1,
 # b2 affine.
 _DISTORTION = re.compile(
-    r"([kpsb]\d|s[xy]\d|skew|distortion|distortion_params|distortion_coefficients|dist_coeffs|radial_distortion"
-    r"|tangential_distortion|ftheta_p\d|lens_params)$"
+    r"([kpsb]\d|s[xy]\d|skew|omega|((lens|radial|tangential)_)?distortions?(_(params|coeff?s?|coefficients))?"
+    r"|dist_coeff?s|dist_params|ftheta_p\d|lens_params)$",
+    re.IGNORECASE,
 )
+# In names or texts of other entries: cameras and conventions that tools have a word for, but no common entry.
+_OTHER_CAMERA = re.compile(r"fish_?eye|equirect|panoram|spherical|omnidir|orthograph|ftheta|latlong", re.IGNORECASE)
+_CONVENTION = re.compile(r"convention|coordinate|pose_type|pose_format", re.IGNORECASE)
+_OTHER_CONVENTION = re.compile(r"opencv|colmap|w2c|world.?(to|2).?cam", re.IGNORECASE)
+_RENAMED = "masks are read from mask_path. Rename it"
+_CHROMA = "a colour that stands for transparency is not modelled. Give the images alpha, or a mask_path"
+_SHIFT = "a shifted lens is told by cx and cy, in pixels. Give these"
 # Other cameras, and other conventions of poses: entry, and what to do about it. 0, false, null and [] say nothing.
 _REFUSED = {
     "is_fisheye": "a fisheye camera is not modelled. Undistort the images to a pinhole camera",
@@ -38,6 +46,11 @@ _REFUSED = {
     "transform_matrix_end": "a moving camera is not modelled. Take images from a camera that stands still",
     "from_mitsuba": "poses are expected in OpenGL's convention. Turn each by half a turn about its y axis",
     "from_na": "poses are expected in OpenGL's convention. Turn them into it",
+    **dict.fromkeys(
+        ("mask", "mask_file", "mask_file_path", "mask_filename", "alpha_path", "alpha_mask_path"), _RENAMED
+    ),
+    **dict.fromkeys(("white_transparent", "black_transparent", "mask_color"), _CHROMA),
+    **dict.fromkeys(("shift_x", "shift_y", "lens_shift", "lens_shift_x", "lens_shift_y"), _SHIFT),
     "crop": "write the images that are left of a crop, with their own w, h, cx, cy",
 }
 _CAMERA = ("fl_x", "fl_y", "x_fov", "y_fov", "camera_angle_x", "camera_angle_y", "cx", "cy", "w", "h", "camera_model")
@@ -51,18 +64,22 @@ _HARMLESS = """
     aabb aabb_scale scale offset render_aabb up avglen n_frames n_extra_learnable_dims
     sharpness sharpness_discard_threshold importance_sampling wants_importance_sampling envmap light_dir
     info fix_premult
-    white_transparent black_transparent mask_color enable_depth_loading enable_ray_loading integer_depth_scale
+    enable_depth_loading enable_ray_loading integer_depth_scale
     depth_unit_scale_factor depth_file_path depth_path depth_scale rays_path normal_path normal_file_path semantic_path
     sensor_depth_path mono_depth_path mono_normal_path has_mono_prior confidence_path sharp
     applied_transform applied_scale orientation_override auto_scale_poses_override scene_box ply_file_path sparse_pc
     colmap_im_id colmap_image_id colmap_camera_id camera_id cam_id camera_name image_id id name label rotation
     driver_parameters timestamp time frame frame_id frame_index near far near_plane far_plane worldtogt metadata version
-    generator description comment dataset scene units unit up_axis exposure white_balance iso shutter aperture
+    generator description comment dataset scene units unit up_axis
 """.split()
 # Of a camera's settings: photographs that differ in them are not of one brightness or colour.
-_SAME_FOR_ALL = ("exposure", "white_balance", "iso", "shutter", "aperture")
+_SAME_FOR_ALL = """
+    exposure exposure_time exposure_value ev shutter shutter_speed iso iso_speed aperture f_number fnumber gain
+    white_balance
+""".split()
 _RIGID = 1e-3  # largest deviation from a rotation: files hold 4 to 7 digits
 _SQUARE = 2e-4  # relative difference of fl_x and fl_y that moves no pixel: half of one at the edge of 5,000
+_SHORTEST = 0.01  # focal length as a share of the width: less sees 179 degrees, and is in other units
 _AGREE = 0.02  # by how much two entries for one field of view may differ, relatively: more is a mistake
 
 
@@ -82,8 +99,8 @@ class Intrinsics(NamedTuple):
 
 def unknown_entries(entries: Entries) -> list[str]:
     """Names of entries that mean nothing to this package."""
-    known = {*_READ, *_CAMERA, *_HARMLESS, *_REFUSED}
-    return [name for name in entries if name not in known and not _DISTORTION.match(name)]
+    known = {*_READ, *_CAMERA, *_HARMLESS, *_REFUSED, *_SAME_FOR_ALL}
+    return [n for n in entries if n not in known and n.lower() not in _SAME_FOR_ALL and not _DISTORTION.match(n)]
 
 
 def check_camera(entries: Entries, where: str) -> None:
@@ -101,6 +118,15 @@ def check_camera(entries: Entries, where: str) -> None:
             )
         if name in _REFUSED and _says_something(value):
             raise ValueError(f"{where}: {name} = {shortened(value)}: {_REFUSED[name]}.")
+    for name in unknown_entries(entries):
+        value, text = entries[name], f"{name} {entries[name] if isinstance(entries[name], str) else ''}"
+        if _says_something(value) and _OTHER_CAMERA.search(text):
+            raise ValueError(f"{where}: {name} = {shortened(value)}: not modelled. Make pinhole images of it.")
+        if _CONVENTION.search(name) and _OTHER_CONVENTION.search(text):
+            raise ValueError(
+                f"{where}: {name} = {shortened(value)}: poses are expected in OpenGL's convention, camera to world. "
+                "Turn them into it."
+            )
     model = entries.get("camera_model")
     if model is not None and (not isinstance(model, str) or model.upper() not in _PINHOLES):
         raise ValueError(
@@ -117,7 +143,12 @@ def check_same_for_all(all_entries: list[Entries], where: str) -> None:
     ValueError
     """
     for name in _SAME_FOR_ALL:
-        values = {repr(entries[name]) for entries in all_entries if entries.get(name) is not None}
+        values = {
+            repr(value)
+            for entries in all_entries
+            for own, value in entries.items()
+            if own.lower() == name and value is not None
+        }
         if len(values) > 1:
             raise ValueError(
                 f"{where}: {name} differs between frames ({', '.join(sorted(values)[:3])}), which is not "
@@ -141,7 +172,10 @@ def intrinsics(content: Entries, frame: Entries, width: int, height: int, where:
     else:
         raise ValueError(f"{where}: neither camera_angle_x (radians) nor fl_x (pixels) is given. One is needed.")
     both = merged(content, frame)
-    return Intrinsics(x or y, y or x, number(both, "cx", width / 2, where), number(both, "cy", height / 2, where))
+    cx, cy = number(both, "cx", width / 2, where), number(both, "cy", height / 2, where)
+    if 0 < cx <= 1 and 0 < cy <= 1 and min(width, height) > 4:
+        raise ValueError(f"{where}: cx = {cx:g}, cy = {cy:g}: shares of the image? They are pixels.")
+    return Intrinsics(x or y, y or x, cx, cy)
 
 
 def merged(content: Entries, frame: Entries) -> dict[str, Any]:
@@ -183,9 +217,9 @@ def _focal(entries: Entries, names: tuple[str, str, str], size: int, where: str)
     found = {}
     if entries.get(length) is not None:
         found[length] = number(entries, length, 0, where)
-        if not 1e-6 * size < found[length] < 1e6 * size:
+        if not _SHORTEST * size < found[length] < 1e6 * size:
             raise ValueError(
-                f"{where}: {length} = {found[length]:g} pixels; needed: positive, about the width of the image."
+                f"{where}: {length} = {found[length]:g} pixels; needed: pixels, positive, about the width of the image."
             )
     for name, unit, full in ((degrees, "degrees", 180.0), (radians, "radians", math.pi)):
         if entries.get(name) is not None:
@@ -225,5 +259,8 @@ def _says_something(value: object) -> bool:
     if isinstance(value, (list, tuple)):
         return any(_says_something(v) for v in value)
     if isinstance(value, str):
-        return value.strip().lower() not in ("", "0", "0.0", "false", "none")
+        try:
+            return float(value) != 0
+        except ValueError:
+            return value.strip().lower() not in ("", "false", "none")
     return bool(value)

@@ -32,7 +32,7 @@ class _Layer(NamedTuple):
     alpha: str | None
 
 
-def read_exr(file: Path, where: str) -> Photograph:
+def read_exr(file: Path, where: str, is_mask: bool = False) -> Photograph:
     """Read the colours of an EXR file; what lies outside its data window does not count.
 
     Raises
@@ -50,7 +50,10 @@ def read_exr(file: Path, where: str) -> Photograph:
     n_bytes = file.stat().st_size
     for header in headers:
         _check_part(header, n_bytes, where)
-    layer = _picture(headers, where)
+    if is_mask and [len(header["channels"]) for header in headers] == [1]:
+        layer = _Layer(0, "", (headers[0]["channels"][0].name,), None)
+    else:
+        layer = _picture(headers, where)
     header = headers[layer.part]
     _check_picture(header, layer, where)
     try:

@@ -69,8 +69,8 @@ def fit_images(
     views : sequence of View
         Those of split "train" are fitted, the others only reported.
     materials : dict of str to Material, optional
-        By id of the BSDF (what its keys in ``mi.traverse(scene)`` begin with, where it has none), what the scene was
-        loaded with; needed only for the library of starts of a network that came from memory.
+        By id of the BSDF (what its keys in ``mi.traverse(scene)`` begin with, where it has none or shares it), what the
+        scene was loaded with; needed only for the library of starts of a network that came from memory.
     unknowns : sequence of str or Unknown, optional
         Names of parameters of the enhanced BSDFs, or any scene parameters, see :mod:`mi_enhance.images.unknowns`. All
         but the tilt of the normal if left out.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .colour_spaces import ADOBE_RGB, ColourSpace, decode_srgb, matrix_of_primaries, power
-from .exif import is_adobe_rgb, orientation_of
+from .exif import exposure_of, is_adobe_rgb, orientation_of
 from .icc_profile import read_icc_profile
 from .photograph import Photograph, check_size, of_integers
 
@@ -32,7 +32,7 @@ def read_jpeg(file: Path, where: str) -> Photograph:
                 check_size(width, height, file.stat().st_size, where)
                 mode, profile, tags = opened.mode, opened.info.get("icc_profile"), opened.getexif()
                 raw = np.array(opened) if mode in ("L", "RGB") else None
-                turn, adobe = orientation_of(tags), is_adobe_rgb(tags)
+                turn, adobe, exposure = orientation_of(tags), is_adobe_rgb(tags), exposure_of(tags)
     except ValueError as error:
         if str(error).startswith(where):
             raise
@@ -49,4 +49,4 @@ def read_jpeg(file: Path, where: str) -> Photograph:
             space = ColourSpace(power(563 / 256), matrix_of_primaries(ADOBE_RGB)) if adobe else ColourSpace(decode_srgb)
     except ValueError as error:
         raise ValueError(f"{where}: its colours cannot be told: {error}. Convert it to sRGB.") from None
-    return dataclasses.replace(of_integers(raw, space), orientation=turn)
+    return dataclasses.replace(of_integers(raw, space), orientation=turn, exposure=exposure)

@@ -28,15 +28,18 @@ class Photograph:
         Value at which the camera saturates.
     orientation : int
         As EXIF counts, 1 to 8: `image` is as it is stored, see :func:`turned`.
+    exposure : float, optional
+        What the camera has made of the same radiance, relative to other photographs, where EXIF tells it.
     """
 
     image: np.ndarray
     alpha: np.ndarray | None = None
     ceiling: float = math.inf
     orientation: int = 1
+    exposure: float | None = None
 
 
-def read_photograph(file: Path, where: str) -> Photograph:
+def read_photograph(file: Path, where: str, *, is_mask: bool = False) -> Photograph:
     """Read one image: EXR, PNG or JPEG, whatever its suffix.
 
     Mitsuba's readers of other formats end the process where a file is damaged.
@@ -46,6 +49,8 @@ def read_photograph(file: Path, where: str) -> Photograph:
     file : Path
     where : str
         What an error begins with.
+    is_mask : bool
+        Whether a single channel of an EXR file is what is sought, whatever its name.
 
     Raises
     ------
@@ -60,7 +65,7 @@ def read_photograph(file: Path, where: str) -> Photograph:
     with file.open("rb") as opened:
         start = opened.read(8)
     if start[:4] == b"\x76\x2f\x31\x01":
-        return read_exr(file, where)
+        return read_exr(file, where, is_mask)
     if start == b"\x89PNG\r\n\x1a\n":
         return read_png(file, where)
     if start[:3] == b"\xff\xd8\xff":

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from .colour_spaces import CICP_CURVES, CICP_PRIMARIES, ColourSpace, decode_srgb, matrix_of_primaries, power
-from .exif import orientation
+from .exif import exposure_of, orientation_of, read_tags
 from .icc_profile import read_icc_profile
 from .photograph import Photograph, check_size, of_integers
 
@@ -51,7 +51,8 @@ def read_png(file: Path, where: str) -> Photograph:
     except RuntimeError as error:
         raise ValueError(f"{where} cannot be read as an image ({str(error).splitlines()[-1]}).") from None
     result = of_integers(np.array(bitmap), space, ceiling)
-    return dataclasses.replace(result, orientation=orientation(chunks[b"eXIf"][0]) if b"eXIf" in chunks else 1)
+    tags = read_tags(chunks.get(b"eXIf", [b""])[0])
+    return dataclasses.replace(result, orientation=orientation_of(tags), exposure=exposure_of(tags))
 
 
 @dataclasses.dataclass(frozen=True)

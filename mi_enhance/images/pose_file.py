@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..system.files import require_file
 from ..system.messages import shortened
 
 FILE = "transforms.json"
-SPLITS = ("train", "test")
-# The files of NeRF's own data sets, which stand for one file, and the split of each.
+_SPLITS = {"train": "train", "test": "test", "val": "test"}
+# Names that other programs have for entries of a camera.
+_ALSO = {"fx": "fl_x", "fy": "fl_y", "width": "w", "height": "h", "image_width": "w", "image_height": "h"}
+# What NeRF's own data sets have in the place of one file, and what is held out of it.
 _SPLIT_FILES = {"transforms_train.json": "train", "transforms_val.json": "test", "transforms_test.json": "test"}
 _SPLIT_LISTS = {"train_filenames": "train", "val_filenames": "test", "test_filenames": "test"}
 
@@ -27,7 +29,7 @@ def pose_files(path: Path, where: str) -> dict[Path, str | None]:
 
 
 def read_poses(file: Path, where: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Read a pose file: return its entries for all frames, and those of each frame."""
+    """What a file says of all frames, and of each."""
     try:
         content = json.loads(file.read_bytes())  # bytes: UTF-8 with and without mark, UTF-16, UTF-32
     except (ValueError, RecursionError) as error:  # no JSON, no text, or nested to break the parser
@@ -40,20 +42,44 @@ def read_poses(file: Path, where: str) -> tuple[dict[str, Any], list[dict[str, A
     for k, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str) or "\0" in frame["file_path"]:
             raise ValueError(f"{where}, frame {k}: must be an object with file_path; got {shortened(frame)}.")
+    content, *frames = (_renamed(entries) for entries in (content, *frames))
     return content, frames
 
 
-def split(content: dict[str, Any], frame: dict[str, Any], where: str) -> str | None:
-    """Return "train" if a frame is fitted, "test" if it is held out; None where lists of files leave it out."""
-    split = frame.get("split")
-    if split is not None:
-        if split not in SPLITS:
-            raise ValueError(f'{where}: split "{str(split)[:60]}" is unknown. Choose one of: {", ".join(SPLITS)}.')
-        return str(split)
+def _renamed(entries: dict[str, Any]) -> dict[str, Any]:
+    """Entries by the names that are used here."""
+    return {_ALSO.get(name, name) if _ALSO.get(name) not in entries else name: v for name, v in entries.items()}
+
+
+def splits(content: dict[str, Any], frames: list[dict[str, Any]], where: str) -> list[str | None]:
+    """Whether each frame is fitted or held out; None where lists of files leave it out."""
+    of_name: dict[str, str] = {}
     for name, of_list in _SPLIT_LISTS.items():
         listed = content.get(name) or []
-        if not isinstance(listed, list):
+        if not isinstance(listed, list) or not all(isinstance(file, str) for file in listed):
             raise ValueError(f"{where}: {name} must be a list of file names; got {shortened(listed)}.")
-        if frame["file_path"] in listed:
-            return of_list
-    return None if content.get("train_filenames") else "train"
+        for file in listed:
+            of_name.setdefault(_plain(file), of_list)
+    strangers = sorted(set(of_name) - {_plain(frame["file_path"]) for frame in frames})
+    if strangers:
+        raise ValueError(
+            f'{where}: train_filenames and the like name "{strangers[0][:200]}", which no frame has '
+            f"({len(strangers)} such names). Give the names that file_path has."
+        )
+    return [
+        _split_of(content, frame, f"{where}, frame {k}")
+        or of_name.get(_plain(frame["file_path"]), None if content.get("train_filenames") else "train")
+        for k, frame in enumerate(frames)
+    ]
+
+
+def _split_of(content: dict[str, Any], frame: dict[str, Any], where: str) -> str | None:
+    split = frame.get("split", content.get("split"))
+    if split is not None and (not isinstance(split, str) or split not in _SPLITS):
+        raise ValueError(f'{where}: split "{str(split)[:60]}" is unknown. Choose one of: {", ".join(_SPLITS)}.')
+    return _SPLITS[split] if split else None
+
+
+def _plain(name: str) -> str:
+    """One spelling of ./a.png and .\\a.png."""
+    return PurePosixPath(name.replace("\\", "/")).as_posix()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -42,15 +44,17 @@ class SceneMaterial:
         values = {}
         for p in self.material.brdf.parameters:
             if p.name in self.keys:
-                value = get(params, self.keys[p.name])
-                if value.size != 1 and self.keys[p.name].endswith((".data", ".value")):  # 1: a grey, for each channel
-                    value = value.reshape(-1, p.size).mean(0)
+                stored, value = params[self.keys[p.name]], get(params, self.keys[p.name])
+                channels = stored.shape[-1] if dr.is_tensor_v(stored) else value.size
+                value = value.reshape(-1, channels).mean(0)
+                if value.size != p.size:  # a grey for a colour, a colour for a number
+                    value = np.full(p.size, value.mean())
                 values[p.name] = np.clip(value, p.low, p.high)
         return self.material.edit(**values)
 
 
 def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None) -> dict[str, SceneMaterial]:
-    """Enhanced BSDFs of a scene, by id.
+    """Enhanced BSDFs of a scene, by id; by the beginning of its keys where it has none, or shares it with another.
 
     Parameters
     ----------
@@ -65,24 +69,26 @@ def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None
         If a material is specialized, or one that is given is of no BSDF in the scene or has another model than that.
     """
     result = {}
-    for node in params.hierarchy:
-        if isinstance(node, mi.BSDF) and hasattr(node, "material"):
-            if node.material.brdf.distilled:
-                raise ValueError(
-                    f'fit_images(): "{node.id()}" is a specialized material, which holds for its own parameters only. '
-                    "Use the exact one: mi-enhance specialize FAST.bsdf --undo -o MAT.bsdf"
-                )
-            keys: dict[str, str] = {}
-            textures: dict[int, str] = {}
-            first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
-            prefix = first.rpartition(".")[0]
-            for p in node.material.brdf.parameters:
-                for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
-                    if key in params:
-                        # two names of one texture, which Mitsuba makes of two equal ones, are one unknown
-                        texture = params.properties[key][2]
-                        keys[p.name] = key if texture is node else textures.setdefault(id(texture), key)
-            result[node.id() or prefix] = SceneMaterial(node.material, keys)
+    nodes: list[Any] = [node for node in params.hierarchy if isinstance(node, mi.BSDF) and hasattr(node, "material")]
+    ids = Counter(node.id() for node in nodes)  # in a dictionary it is the name of the entry, "bsdf" for all
+    for node in nodes:
+        if node.material.brdf.distilled:
+            raise ValueError(
+                f'fit_images(): "{node.id()}" is a specialized material, which holds for its own parameters only. '
+                "Use the exact one: mi-enhance specialize FAST.bsdf --undo -o MAT.bsdf"
+            )
+        first = next(key for key, (_, _, owner, _) in params.properties.items() if owner is node)
+        prefix = first.rpartition(".")[0]
+        keys: dict[str, str] = {}
+        for p in node.material.brdf.parameters:
+            for key in (f"{prefix}.{p.name}", f"{prefix}.{p.name}.data", f"{prefix}.{p.name}.value"):
+                # a bitmap of 8 bits is kept as integers, which have no gradients
+                if key in params and dr.is_float_v(params[key]):
+                    keys[p.name] = key
+        # one texture under two names, which Mitsuba makes of two equal ones, is one unknown
+        of_texture = {id(t): keys[name] for name, t in node.textures.items() if name in keys}
+        keys.update({name: of_texture[id(t)] for name, t in node.textures.items() if id(t) in of_texture})
+        result[node.id() if node.id() and ids[node.id()] == 1 else prefix] = SceneMaterial(node.material, keys)
     for name, material in (given or {}).items():
         if name not in result:
             raise ValueError(
@@ -107,8 +113,8 @@ def get(params: mi.SceneParameters, key: str) -> np.ndarray:
 def put(params: mi.SceneParameters, key: str, value: np.ndarray) -> None:
     """Replace a scene parameter by a flat vector; ``params.update()`` is the caller's."""
     old, flat = params[key], np.ascontiguousarray(np.ravel(value), np.float32)
-    if isinstance(old, mi.TensorXf):
-        params[key] = mi.TensorXf(_own(flat), old.shape)
+    if dr.is_tensor_v(old):  # a bitmap may be of half precision
+        params[key] = type(old)(dr.array_t(old)(_own(flat)), old.shape)
     elif isinstance(old, (mi.Color3f, mi.Vector3f)):
         params[key] = type(old)(*(_own(np.full(1, v)) for v in np.broadcast_to(flat, 3)))
     else:

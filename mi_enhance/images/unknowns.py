@@ -96,7 +96,8 @@ def enhanced(scene: mi.Scene, names: Sequence[str] | None = None) -> list[Unknow
     if not sought:
         raise ValueError(
             f"fit_images(): {', '.join(names or known)}: none can be moved, each is a texture without numbers of its "
-            "own. Give a number, a colour or a bitmap."
+            'own, or a bitmap of 8 bits. Give a number, a colour, or a bitmap with <string name="format" '
+            'value="variant"/>.'
         )
     return list(sought.values())
 

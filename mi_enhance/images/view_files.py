@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import json
@@ -18,13 +19,15 @@ import numpy as np
 from ..output.srgb import encode_srgb
 from ..system.messages import shortened
 from .camera_entries import check_camera, check_same_for_all, intrinsics, merged, number, pose, unknown_entries
+from .colour_spaces import decode_srgb
 from .own_files import OwnFiles, inner_name
 from .photograph import Photograph, read_photograph, turned
-from .pose_file import FILE, pose_files, read_poses, split
+from .pose_file import FILE, pose_files, read_poses, splits
 from .views import View
 
 _SUFFIXES = (".exr", ".png", ".jpg", ".jpeg")
 _WHOLE = 0.99  # alpha from which a pixel shows nothing but the object: what is behind it is not known
+_SAME_EXPOSURE = 1.1  # more is another setting of the camera, less its rounding
 _MASK = 0.2  # linear, half of the 8-bit range: mask files are drawn, not measured
 
 
@@ -59,30 +62,41 @@ def read_views(path: str | Path, *, factor: int = 1) -> list[View]:
     files = pose_files(Path(path), where)
     views: list[View] = []
     paths: list[str] = []
-    contents: list[dict[str, Any]] = []
-    for file, of_file in files.items():
-        content, frames = read_poses(file, where)
-        contents += [content, *frames]
-        check_same_for_all([merged(content, frame) for frame in frames], where)
+    exposures: set[float] = set()
+    poses = {file: read_poses(file, where) for file in files}
+    contents = [entries for content, frames in poses.values() for entries in (content, *frames)]
+    check_same_for_all([merged(content, frame) for content, frames in poses.values() for frame in frames], where)
+    for file, (content, frames) in poses.items():
         at = f"{where}, {file.name}" if len(files) > 1 else where
-        for k, frame in enumerate(frames):
-            own = of_file or split(content, frame, f"{at}, frame {k}")
+        of_frames = [files[file]] * len(frames) if files[file] else splits(content, frames, at)
+        for k, (frame, own) in enumerate(zip(frames, of_frames, strict=True)):
             if own:
                 paths.append(frame["file_path"])
-                views.append(_view(content, frame, file.parent, own, f"{at}, frame {k}").smaller(factor))
+                view, exposure = _view(content, frame, file.parent, own, f"{at}, frame {k}")
+                views.append(view.smaller(factor))
+                exposures |= {exposure} if exposure else set()
     unknown = sorted({name for entries in contents for name in unknown_entries(entries)})
     if unknown:
         warnings.warn(f"{where}: entries that are not known are passed over: {', '.join(unknown)}", stacklevel=2)
+    if exposures and max(exposures) > _SAME_EXPOSURE * min(exposures):
+        warnings.warn(
+            f"{where}: by their EXIF (time, f-number, ISO) some photographs are exposed "
+            f"{max(exposures) / min(exposures):.3g} times as much as others, which is not modelled. Bring them to one "
+            "brightness if they are not.",
+            stacklevel=2,
+        )
     if not views:
         raise ValueError(f"{where}: train_filenames and the like name no frame. Give the names that file_path has.")
     return _those_that_count(_with_names(views, where), paths, where)
 
 
-def _view(content: dict[str, Any], frame: dict[str, Any], folder: Path, split: str, where: str) -> View:
+def _view(
+    content: dict[str, Any], frame: dict[str, Any], folder: Path, split: str, where: str
+) -> tuple[View, float | None]:
     both = merged(content, frame)
     check_camera(both, where)
     to_world = pose(frame.get("transform_matrix"), where)
-    file = _image_file(folder, frame["file_path"], where)
+    file = _image_file(folder, frame["file_path"], where, "file_path")
     photograph = _as_seen(read_photograph(file, where), both)
     image = photograph.image
     height, width = image.shape[:2]
@@ -93,14 +107,17 @@ def _view(content: dict[str, Any], frame: dict[str, Any], folder: Path, split: s
             )
     camera = intrinsics(content, frame, width, height, where)
     counts = np.ones((height, width), bool) if photograph.alpha is None else photograph.alpha >= _WHOLE
-    if frame.get("mask_path"):
-        counts &= _read_mask(folder, frame["mask_path"], (height, width), both, where)
+    if both.get("mask_path"):
+        counts &= _read_mask(folder, both["mask_path"], (height, width), both, where)
     bad = np.count_nonzero(~np.isfinite(image[counts]))
     if bad:
         raise ValueError(
             f"{where}: {file.name} holds {bad} values that are NaN or infinite. Repair them, or give a mask_path "
             "that is black there."
         )
+    ceiling = number(both, "ceiling", photograph.ceiling, where)
+    if not ceiling > 0:
+        raise ValueError(f"{where}: ceiling = {ceiling:g}; needed: positive, the linear value of what is saturated.")
     view = View(
         _without_suffix(frame["file_path"]),
         image,
@@ -108,21 +125,27 @@ def _view(content: dict[str, Any], frame: dict[str, Any], folder: Path, split: s
         math.degrees(2 * math.atan(width / (2 * camera.focal_x))),
         counts,
         split,
-        number(frame, "ceiling", photograph.ceiling, where),
+        ceiling,
         (camera.center_x / width, camera.center_y / height),
     )
-    return view if camera.is_square else view.with_square_pixels(camera.focal_y / camera.focal_x)
+    view = view if camera.is_square else view.with_square_pixels(camera.focal_y / camera.focal_x)
+    return view, photograph.exposure
 
 
-def _image_file(folder: Path, name: str, where: str) -> Path:
-    for spelling in (name, name.replace("\\", "/")):  # Windows writes images\a.png
-        for candidate in (folder / spelling, *(folder / f"{spelling}{suffix}" for suffix in _SUFFIXES)):
-            try:
+def _image_file(folder: Path, name: str, where: str, entry: str) -> Path:
+    for spelling in dict.fromkeys((name, name.replace("\\", "/"))):  # Windows writes images\a.png
+        candidates = [folder / spelling, *(folder / f"{spelling}{suffix}" for suffix in _SUFFIXES)]
+        with contextlib.suppress(OSError, ValueError):  # a name that is too long, or holds what no name may
+            for candidate in candidates:
                 if candidate.is_file():
                     return candidate
-            except (OSError, ValueError):  # a name that is too long, or holds what no name may
-                break
-    raise FileNotFoundError(f'{where}: there is no image "{name[:200]}" beside the file. Check file_path.')
+            # A and a are one file on Windows and macOS, where the poses may come from; cameras write .JPG
+            there = list(candidates[0].parent.iterdir())
+            for candidate in candidates:
+                alike = [p for p in there if p.name.casefold() == candidate.name.casefold() and p.is_file()]
+                if len(alike) == 1:
+                    return alike[0]
+    raise FileNotFoundError(f'{where}: there is no image "{name[:200]}" beside the file. Check {entry}.')
 
 
 def _without_suffix(name: str) -> str:
@@ -143,7 +166,7 @@ def _as_seen(photograph: Photograph, both: dict[str, Any]) -> Photograph:
 def _read_mask(folder: Path, name: object, shape: tuple[int, int], both: dict[str, Any], where: str) -> np.ndarray:
     if not isinstance(name, str) or "\0" in name:
         raise ValueError(f"{where}: mask_path must be the name of a file; got {shortened(name)}.")
-    mask = _as_seen(read_photograph(_image_file(folder, name, where), where), both)
+    mask = _as_seen(read_photograph(_image_file(folder, name, where, "mask_path"), where, is_mask=True), both)
     if mask.image.shape[:2] != shape:
         sizes = [f"{s[1]} x {s[0]}" for s in (mask.image.shape, shape)]
         raise ValueError(f"{where}: mask {name} is {sizes[0]} pixels, its image {sizes[1]}. Give it the same size.")
@@ -169,7 +192,7 @@ def _those_that_count(views: list[View], paths: list[str], where: str) -> list[V
     if not empty:
         return views
     names = f"{', '.join(empty[:5])}{', ...' if len(empty) > 5 else ''}"
-    advice = f"White is what counts in a mask, opaque (alpha above {_WHOLE}) in a photograph."
+    advice = f"White (255, not 1) is what counts in a mask, opaque (alpha above {_WHOLE}) in a photograph."
     if len(empty) == len(views):
         raise ValueError(f"{where}: no pixel counts in any of the {len(views)} images ({names}). {advice}")
     warnings.warn(
@@ -200,7 +223,8 @@ def write_views(views: Sequence[View], folder: str | Path, *, suffix: str = ".ex
     Raises
     ------
     ValueError
-        If the suffix is unknown, or a file of somebody else has the name of one that is to be written; then nothing is.
+        If the suffix is unknown, a PNG file were to hold NaN, or a file of somebody else has the name of one that is to
+        be written; then nothing is.
 
     Examples
     --------
@@ -210,6 +234,8 @@ def write_views(views: Sequence[View], folder: str | Path, *, suffix: str = ".ex
         raise ValueError(f'write_views(): suffix "{suffix}" is unknown. Choose one of: .exr, .png.')
     own, frames, taken = OwnFiles(Path(folder), "write_views()"), [], {FILE}
     for view in views:
+        if suffix == ".png" and np.isnan(view.image).any():  # which has no NaN; under the mask it has become 0
+            raise ValueError(f'write_views(): view "{view.name}" holds NaN where it counts. Mask it, or write .exr.')
         width, height = view.size
         frame: dict[str, Any] = {
             "file_path": _free_name(inner_name(view.name), suffix, taken),
@@ -224,7 +250,9 @@ def write_views(views: Sequence[View], folder: str | Path, *, suffix: str = ".ex
         if not view.mask.all():
             frame["mask_path"] = _free_name(f"{inner_name(view.name)}_mask", ".png", taken)
         if suffix == ".exr" and math.isfinite(view.ceiling):
-            frame["ceiling"] = view.ceiling  # of a PNG file it is known
+            frame["ceiling"] = view.ceiling
+        elif view.ceiling < 1:  # of a PNG file it is 1 else; where it is, as a number of 8 bits
+            frame["ceiling"] = float(decode_srgb(np.round(encode_srgb(np.array(view.ceiling)) * 255) / 255))
         frames.append(frame)
     for name in [FILE, *(f[key] for f in frames for key in ("file_path", "mask_path") if key in f)]:
         own.check(name)  # all, before the first is written

@@ -40,6 +40,11 @@ class View:
     principal_point : (float, float)
         Where the optical axis meets the image, as shares of width and height from the upper left corner.
 
+    Raises
+    ------
+    ValueError
+        For a shape or split that is none of these.
+
     Examples
     --------
     >>> view = View("front", np.zeros((4, 6, 3), np.float32), np.eye(4), 40.0)
@@ -57,11 +62,25 @@ class View:
     principal_point: tuple[float, float] = (0.5, 0.5)
 
     def __post_init__(self):
-        if self.mask is None:
-            object.__setattr__(self, "mask", np.ones(self.image.shape[:2], bool))
-        hidden = ~self.mask[..., None] & ~np.isfinite(self.image)
+        image, to_world = np.asarray(self.image, np.float32), np.asarray(self.to_world, np.float64)
+        mask = np.ones(image.shape[:2], bool) if self.mask is None else np.asarray(self.mask).astype(bool)
+        if image.ndim != 3 or image.shape[2] != 3 or not image.size or mask.shape != image.shape[:2]:
+            raise ValueError(
+                f'view "{self.name}": image and mask have shapes {image.shape} and {mask.shape}; needed: (height, '
+                "width, 3), and (height, width) of a mask."
+            )
+        if to_world.shape != (4, 4) or self.split not in ("train", "test"):
+            raise ValueError(
+                f'view "{self.name}": to_world has shape {to_world.shape}, split is {self.split!r}; needed: (4, 4), '
+                'and "train" or "test".'
+            )
+        hidden = ~mask[..., None] & ~np.isfinite(image)
         if hidden.any():  # 0 times NaN, a weight times a pixel, would be NaN
-            object.__setattr__(self, "image", np.where(hidden, 0, self.image).astype(self.image.dtype))
+            image = np.where(hidden, np.float32(0), image)
+        x, y = self.principal_point
+        numbers = {"fov": float(self.fov), "ceiling": float(self.ceiling), "principal_point": (float(x), float(y))}
+        for name, value in {"image": image, "mask": mask, "to_world": to_world, **numbers}.items():
+            object.__setattr__(self, name, value)
 
     @property
     def size(self) -> tuple[int, int]:

@@ -35,6 +35,9 @@ def read_channels(path: Path, where: str) -> tuple[dict[str, np.ndarray], dict[s
     """
     import OpenEXR
 
+    with path.open("rb") as opened:
+        if opened.read(4) != b"\x76\x2f\x31\x01":
+            raise ValueError(f"{where}: this is no OpenEXR file. Give one that MaterialMaps.save() has written.")
     try:
         with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]

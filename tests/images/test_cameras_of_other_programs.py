@@ -65,8 +65,8 @@ def test_entries_that_change_no_picture_are_passed_over(read):
 
 
 def test_unknown_entries_are_named(read):
-    with pytest.warns(UserWarning, match="passed over: lens_shift, zoom"):
-        read({"zoom": 2}, lens_shift=0.1)
+    with pytest.warns(UserWarning, match="passed over: lens_coating, zoom"):
+        read({"zoom": 2}, lens_coating=0.1)
 
 
 def test_a_camera_of_a_frame_wins_over_that_of_the_file(read):
@@ -154,3 +154,75 @@ def test_resampling_keeps_the_principal_point_masks_and_what_is_saturated(read):
     small = View("v", image, np.eye(4), 30.0, mask, ceiling=1.0).with_square_pixels(2.0)
     # whole blocks: saturated; half a block, or half a mask: left out
     assert small.mask.tolist() == [[True, False], [False, False]] and small.saturated[0].all()
+
+
+def test_entries_of_a_frame_hold_for_all_where_the_file_has_them(read, tmp_path):
+    """A mask of a rig's shadow, a ceiling, a split."""
+    mask = np.zeros((8, 12), np.uint8)
+    mask[:2] = 255
+    Image.fromarray(mask).save(tmp_path / "m.png")
+    view = read(mask_path="m.png", ceiling=0.5, split="val")
+    assert (view.mask.sum(), view.ceiling, view.split) == (24, 0.5, "test")
+    assert read({"ceiling": 0.7}, ceiling=0.5).ceiling == 0.7
+    with pytest.raises(ValueError, match="ceiling = 0; needed: positive"):
+        read(ceiling=0)
+
+
+@pytest.mark.parametrize(
+    "name,value",
+    [
+        ("mask", "m.png"), ("alpha_path", "m.png"), ("white_transparent", True), ("mask_color", 255), ("K1", 0.1),
+        ("distortion_coeffs", [0.1, 0]), ("lens_distortion", {"k": 0.1}), ("camera_type", "FISHEYE"), ("fisheye", True),
+        ("is_panorama", 1), ("distortion_model", "KANNALA_FISHEYE"), ("projection", "equirectangular"),
+        ("shift_x", 0.1), ("camera_convention", "opencv"), ("coordinate_system", "COLMAP"), ("pose_type", "w2c"),
+    ],
+)  # fmt: skip
+def test_other_names_for_what_is_not_modelled_are_refused(read, name, value):
+    with pytest.raises(ValueError, match=f"{name} = "):
+        read({name: value})
+
+
+def test_other_names_that_say_nothing_are_read(read):
+    plain = read()
+    view = read(K1="0.000", white_transparent=False, mask=None, distortion_params=["0.0", 0], w=12, h=8)
+    assert (view.fov, view.mask.all()) == (plain.fov, True)
+    assert read({"fx": 12.0, "fy": 12.0, "width": 12}).fov == pytest.approx(2 * math.degrees(math.atan(0.5)))
+    with pytest.raises(ValueError, match="w says 13"):
+        read(width=13)
+
+
+@pytest.mark.parametrize(
+    "entries,message", [({"cx": 0.5, "cy": 0.5}, "They are pixels"), ({"fl_x": 0.1, "fl_y": 0.1}, "needed: pixels")]
+)
+def test_shares_of_the_image_are_no_pixels(read, entries, message):
+    with pytest.raises(ValueError, match=message):
+        read(entries)
+
+
+@pytest.mark.parametrize("name", ["exposure_time", "ISO", "f_number"])
+def test_exposures_that_differ_between_files_are_refused(read, tmp_path, name):
+    read()
+    (tmp_path / FILE).unlink()
+    for k, split in enumerate(("train", "test")):
+        content = poses("a.png")
+        content["frames"][0][name] = 1 + k
+        (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=f"{name.lower()} differs between frames"):
+        read_views(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["photo", "photo.JPG", "PHOTO.jpg", ".\\photo.jpg"])
+def test_names_from_systems_where_capitals_do_not_matter(read, tmp_path, name):
+    read()
+    Image.fromarray(np.full((8, 12, 3), 128, np.uint8)).save(tmp_path / "Photo.JPG")
+    (tmp_path / FILE).write_text(json.dumps(poses(name)))
+    assert len(read_views(tmp_path)) == 1
+
+
+def test_lists_of_splits_name_frames_in_any_spelling(read, tmp_path):
+    read()
+    (tmp_path / FILE).write_text(json.dumps(poses("./a.png", train_filenames=["a.png"])))
+    assert len(read_views(tmp_path)) == 1
+    (tmp_path / FILE).write_text(json.dumps(poses("a.png", train_filenames=["a.png", "b.png"])))
+    with pytest.raises(ValueError, match='name "b.png", which no frame has'):
+        read_views(tmp_path)

@@ -20,6 +20,7 @@ from mi_enhance.images.cameras import around, render_views
 from mi_enhance.images.descent import Descent
 from mi_enhance.images.fit_images import fit_images
 from mi_enhance.images.pictures import draw_convergence, draw_views
+from mi_enhance.images.scene_materials import find
 from mi_enhance.images.starts import with_best_colours
 from mi_enhance.images.unknowns import Unknown, of_plugin
 from mi_enhance.images.view_files import write_views
@@ -391,6 +392,50 @@ def test_a_texture_that_cannot_be_moved_is_told(paint):
     assert "ball.bsdf.F0" in [u.key for u in unknowns.enhanced(scene)]
     with pytest.raises(ValueError, match="rho_d: none can be moved"):
         fit_images(scene, paint, unknowns=["rho_d"], **SHORT)
+
+
+@pytest.mark.parametrize("wrap", [lambda b: b, lambda b: {"type": "twosided", "m": b}], ids=["plain", "twosided"])
+def test_materials_of_one_id_are_two(llvm, wrap):
+    """In a dictionary the id is the name of the entry: "bsdf" for every object."""
+    material = Material.analytic("ggx")
+    balls = {name: {"type": "sphere", "bsdf": wrap(material.to_dict())} for name in ("left", "right")}
+    scene = mi.load_dict({"type": "scene", **balls}, optimize=False)
+    keys = {u.key for u in unknowns.enhanced(scene, ["rho_d"])}
+    assert len(keys) == 2 and {key.partition(".")[0] for key in keys} == {"left", "right"}
+    found = find(mi.traverse(scene))
+    assert {one.keys["rho_d"] for one in found.values()} == keys and len(found) == 2
+
+
+def test_materials_are_read_from_textures_of_other_channels(llvm):
+    """A grey for a colour, a colour for a number, one for both: the mean."""
+    grey, colour = bitmap(np.full((2, 2, 1), 0.25)), bitmap(np.full((2, 2, 3), 0.5))
+    one = mi.load_dict(grey)
+    for textures in (
+        {"rho_d": grey},
+        {"alpha_x": colour},
+        {"rho_d": colour, "alpha_x": grey},
+        dict(rho_d=one, alpha_x=one),
+    ):
+        params = mi.traverse(ball({**Material.analytic("ggx").to_dict(), **textures}))
+        (material,) = (placed.read(params) for placed in find(params).values())
+        for name, texture in textures.items():
+            np.testing.assert_allclose(material.params[name], 0.5 if texture is colour else 0.25)
+    scene = ball({**Material.analytic("ggx").to_dict(), "alpha_x": one, "rho_d": one})
+    assert len({u.key for name in ("alpha_x", "rho_d") for u in unknowns.enhanced(scene, [name])}) == 1
+
+
+def test_bitmaps_of_8_bits_stay_unless_they_are_loaded_as_numbers(paint):
+    """Mitsuba keeps their integers, which have no gradients."""
+    file = {"type": "bitmap", "bitmap": mi.Bitmap(np.full((1, 1, 3), 188, np.uint8))}
+    painted = Material.analytic("ggx").edit(**PAINT).to_dict()
+    with pytest.raises(ValueError, match="bitmap of 8 bits"):
+        fit_images(ball({**painted, "rho_d": file}), paint, unknowns=["rho_d"], **SHORT)
+    assert "ball.bsdf.F0" in [u.key for u in unknowns.enhanced(ball({**painted, "rho_d": file}))]
+    for kind in ("variant", "fp16"):
+        scene = ball({**painted, "rho_d": {**file, "format": kind}})
+        found = fit_images(scene, paint, unknowns=["rho_d"], stages=[(1, 16, 40)], max_depth=2, lr=0.1)
+        texels = found.values["ball.bsdf.rho_d.data"].reshape(-1, 3)
+        np.testing.assert_allclose(texels.mean(0), PAINT["rho_d"], atol=0.05)
 
 
 def test_integers_of_numpy_are_integers(paint):

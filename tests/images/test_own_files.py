@@ -97,6 +97,46 @@ def test_links_do_not_lead_out(llvm, tmp_path):
     assert tree(tmp_path / "photos") == {"a.exr": b"mine"}
 
 
+@pytest.mark.skipif(os.name == "nt", reason="links need rights there")
+@pytest.mark.parametrize("name", ["a.exr", "s", ".mi_enhance_files.jsonl"])
+@pytest.mark.parametrize("target", ["../mine.txt", "nowhere", "itself"])
+def test_links_are_neither_followed_nor_replaced(llvm, tmp_path, name, target):
+    """To a file, to nothing, or in a circle; through the list of files, too, lines would end up in somebody's file."""
+    (tmp_path / "mine.txt").write_text("mine")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).symlink_to(name if target == "itself" else target)
+    with pytest.raises(ValueError, match="Choose another folder"):
+        write_views(named("a", "s/b"), out)
+    assert (out / name).is_symlink() and os.listdir(out) == [name] and (tmp_path / "mine.txt").read_text() == "mine"
+
+
+def test_what_is_in_the_way_is_told_before_anything_is_written(llvm, tmp_path):
+    (tmp_path / "sub").write_bytes(b"mine")
+    with pytest.raises(ValueError, match="sub exists"):
+        write_views(named("a", "sub/b"), tmp_path)
+    with pytest.raises(ValueError, match="sub is no folder"):
+        write_views(named("a"), tmp_path / "sub")
+    assert tree(tmp_path) == {"sub": b"mine"}
+
+
+AWKWARD = [
+    "x" * 300,
+    "/".join(["y" * 200] * 30),
+    "\ud800",
+    "a",
+    "a.exr/b",
+    "transforms.json/c",
+    ".mi_enhance_files.jsonl/d",
+]
+
+
+def test_awkward_names_are_written(llvm, tmp_path):
+    """Too long, no text, or a folder where another view has its file."""
+    write_views(named(*AWKWARD), tmp_path)
+    assert [v.image[0, 0, 0] for v in read_views(tmp_path)] == [1, 2, 3, 4, 5, 6, 7]
+
+
 def test_a_list_that_is_damaged_makes_no_file_ours(llvm, tmp_path):
     write_views(named("a"), tmp_path)
     (tmp_path / ".mi_enhance_files.jsonl").write_bytes(b'\xff[["a.exr"]]\n{}\n["a.exr", 3]\n[[[')

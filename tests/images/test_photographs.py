@@ -18,6 +18,7 @@ import mitsuba as mi  # isort: skip
 
 from mi_enhance.images.colour_spaces import ADOBE_RGB, decode_srgb
 from mi_enhance.images.view_files import FILE, read_views, write_views
+from mi_enhance.images.views import View
 
 HALF = np.full((HEIGHT, WIDTH), 0.5, np.float32)
 
@@ -281,6 +282,25 @@ def test_orientation_is_honoured(read, tmp_path, orientation):
         np.testing.assert_allclose(view.image[..., 0], decode_srgb(np.asarray(stored) / 255), rtol=1e-5)
 
 
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_exposures_of_exif_that_differ_are_told(read, tmp_path, suffix):
+    def photographed(name, seconds, iso):
+        exif = Image.Exif()
+        exif[0x010F] = "maker"
+        exif.get_ifd(0x8769).update({0x829A: seconds, 0x8827: iso, 0x829D: 4.0})  # time, ISO, f-number
+        Image.new("RGB", (WIDTH, HEIGHT), (128, 128, 128)).save(tmp_path / f"{name}.{suffix}", exif=exif)
+
+    content = poses(f"a.{suffix}")
+    content["frames"] += [{**content["frames"][0], "file_path": f"b.{suffix}"}]
+    (tmp_path / FILE).write_text(json.dumps(content))
+    photographed("a", 0.01, 400)
+    photographed("b", 0.04, 100)
+    assert len(read_views(tmp_path)) == 2  # as much light, pytest would raise for a warning
+    photographed("b", 0.04, 400)
+    with pytest.warns(UserWarning, match="exposed 4 times as much as others"):
+        read_views(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["rgb.png", "baseline.jpg", "progressive.jpg", "zip.exr", "tiled.exr"])
 def test_files_that_are_cut_off_are_refused(read, tmp_path, name):
     content = samples(tmp_path)[name]
@@ -325,3 +345,18 @@ def test_photographs_are_made_smaller_as_they_are_read(read, tmp_path):
     assert small.size == (WIDTH // 2, HEIGHT // 2) and small.name == view.name
     with pytest.raises(ValueError, match="positive integer"):
         read_views(tmp_path, factor=0)
+
+
+@pytest.mark.parametrize("ceiling", [0.3, 0.8, 1.0, np.inf])
+def test_png_files_keep_where_a_view_is_saturated(llvm, tmp_path, ceiling):
+    image = np.full((4, 4, 3), min(ceiling, 5), np.float32)
+    image[0] = 0.1
+    view = View("a", image, np.eye(4), 40.0, ceiling=ceiling)
+    (again,) = read_views(write_views([view], tmp_path, suffix=".png"))
+    np.testing.assert_array_equal(again.saturated[:, 0, 0], [False, True, True, True])
+
+
+@pytest.mark.parametrize("name", ["A", "mask", "Z", "Y", "ViewLayer.Mask.X"])
+def test_a_mask_may_be_the_only_channel_of_an_exr_file(read, tmp_path, name):
+    exr(tmp_path / "m.exr", {name: square()})
+    np.testing.assert_array_equal(read("a.png", eight_bits(128), mask_path="m.exr").mask, square() > 0)

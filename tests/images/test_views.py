@@ -120,7 +120,7 @@ WRONG = {
     "neither camera_angle_x": lambda c: c["frames"][0].pop("camera_angle_x"),
     "it is in radians": lambda c: c["frames"][0].update(camera_angle_x=40),
     "lens distortion": lambda c: c.update(k1=0.1),
-    'split "val" is unknown': lambda c: c["frames"][0].update(split="val"),
+    'split "half" is unknown': lambda c: c["frames"][0].update(split="half"),
     "the name of two frames": lambda c: c["frames"][1].update(file_path="view_00.exr"),
     "camera_angle_x must be a number": lambda c: c["frames"][0].update(camera_angle_x="wide"),
     "Give it the same size": lambda c: c["frames"][0].update(mask_path="small.png"),
@@ -155,3 +155,28 @@ def test_no_json_no_file_no_image_and_nan_are_refused(photos, tmp_path):
         read_views(tmp_path / "nan")
     with pytest.raises(ValueError, match="suffix"):
         write_views(photos, tmp_path, suffix=".jpg")
+
+
+def test_views_take_arrays_of_other_types(tmp_path, llvm):
+    """A mask of integers is no list of indices, and NaN that counts is not hidden by it."""
+    image = np.full((4, 6, 3), 0.5)
+    image[0, 0] = np.nan
+    numbers = {"ceiling": np.float32(0.75), "principal_point": np.full(2, 0.5, np.float32)}
+    view = View("a", image, np.eye(4).tolist(), np.float32(40), np.full((4, 6), 255, np.uint8), **numbers)
+    assert view.image.dtype == np.float32 and view.mask.dtype == bool and view.mask.all()
+    assert np.isnan(view.image[0, 0]).all() and view.image[view.mask].shape == (24, 3)
+    with pytest.raises(ValueError, match="holds NaN"):
+        write_views([view], tmp_path, suffix=".png")
+    masked = np.ones((4, 6))
+    masked[0, 0] = 0
+    (again,) = read_views(write_views([dataclasses.replace(view, mask=masked)], tmp_path))
+    assert again.mask.sum() == 23 and again.ceiling == 0.75
+
+
+@pytest.mark.parametrize(
+    "change", [{"image": np.zeros((4, 6))}, {"image": np.zeros((4, 6, 4))}, {"mask": np.ones((6, 4), bool)},
+               {"split": "val"}, {"to_world": np.eye(3)}],
+)  # fmt: skip
+def test_views_of_other_shapes_are_refused(change):
+    with pytest.raises(ValueError, match='view "a": .* needed: '):
+        dataclasses.replace(View("a", np.zeros((4, 6, 3), np.float32), np.eye(4), 40.0), **change)

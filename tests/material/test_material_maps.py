@@ -185,6 +185,9 @@ def test_files_of_other_networks_or_with_other_channels_are_refused(llvm, tmp_pa
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(ValueError, match="cannot read this file"):
         MaterialMaps.load(path, maps.material)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(ValueError, match="this is no OpenEXR file"):
+        MaterialMaps.load(path, maps.material)
     with pytest.raises(FileNotFoundError, match="no such file"):
         MaterialMaps.load(tmp_path / "none.exr", maps.material)
 
