@@ -140,7 +140,7 @@ def model(name: str) -> Material:
     from ..analytic import models
     from ..material.material import Material
 
-    if name.endswith(".toml"):
+    if name.lower().endswith(".toml"):
         return Material.analytic(models.from_toml(name))
     return Material.load(model_path(name))
 
@@ -151,7 +151,7 @@ def model_path(name: str) -> Path:
     Mitsuba looks for relative names beside the scene first; what a user names on the command line is meant from where
     the user stands.
     """
-    if not name.endswith(".bsdf"):
+    if not name.lower().endswith(".bsdf") and Path(name).name == name:
         return network_file(name)
     return require_file(name, f'-m "{name}"').absolute()
 
