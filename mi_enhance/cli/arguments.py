@@ -104,6 +104,14 @@ def positive(text: str) -> int:
     return int(value)
 
 
+def picture_size(text: str) -> int:
+    """Pixels on a side of a picture whose SSIM is measured; its window needs as many."""
+    value = positive(text)
+    if value < 11:
+        raise argparse.ArgumentTypeError(f"{text} is too small: SSIM needs at least 11 pixels on a side")
+    return value
+
+
 def pair(text: str) -> tuple[str, str]:
     key, equals, value = text.partition("=")
     if not (key and equals):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from ..system.files import require_file
 from .outputs import is_same
+
+_UNUSED = "unused parameters"  # Mitsuba's words; a line "- $name=value" for each follows
 
 
 def load_scene(mi: Any, name: str, where: str, define: Iterable[tuple[str, str]], material: Path | None = None) -> Any:
@@ -34,10 +37,18 @@ def load_scene(mi: Any, name: str, where: str, define: Iterable[tuple[str, str]]
     mi.Scene
     """
     file = require_file(name, where)
-    values = _values(define)
+    values = given = _values(define)
 
     def load(**values: str) -> Any:
-        return mi.load_file(str(file), optimize=False, **values)
+        try:
+            return mi.load_file(str(file), optimize=False, **values)
+        except RuntimeError as error:
+            unknown = re.findall(r"^\s*- (\$\w+)=", str(error), re.MULTILINE) if _UNUSED in str(error) else []
+            if not unknown or "$material" in unknown and "material" not in given:
+                raise
+            raise ValueError(
+                f"{where}: -D: neither the scene nor what it includes has {', '.join(sorted(unknown))}."
+            ) from None
 
     if material is None or "material" in values:
         scene = load(**values)
@@ -45,7 +56,7 @@ def load_scene(mi: Any, name: str, where: str, define: Iterable[tuple[str, str]]
         try:
             scene = load(**values, material=str(material))
         except RuntimeError as error:  # Mitsuba reads the whole scene before it says that a parameter is not used
-            if "unused parameters" not in str(error) or "- $material=" not in str(error):
+            if _UNUSED not in str(error) or "- $material=" not in str(error):
                 raise
             scene = load(**values)
     if not isinstance(scene, mi.Scene):

@@ -74,8 +74,10 @@ def test_scene_that_names_its_own_material_keeps_it(folder):
 
 
 def test_unknown_parameter_is_still_refused(folder):
-    with pytest.raises(RuntimeError, match=r"unused parameters:\s+- \$wide=3$"):
+    with pytest.raises(ValueError, match=r"test: -D: neither the scene nor what it includes has \$wide\.$"):
         load(folder, scene(LIGHT), ("wide", "3"), material="m.bsdf")
+    with pytest.raises(ValueError, match=r"has \$material, \$wide\."):
+        load(folder, scene(LIGHT), ("wide", "3"), ("material", "m.bsdf"))
 
 
 def test_what_is_no_scene_is_refused(folder):
