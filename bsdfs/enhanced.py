@@ -94,7 +94,7 @@ upsampled as Mitsuba does it, without gradients. Sampling: visible GGX normals a
 constants of the compiled function; what belongs to a material is data, so materials of one network share that function.
 What is 0 and neither textured nor optimized is left out of it: a colour with its whole term, the frame, ``asymmetry``;
 an update of the parameters brings it back. A value out of range, whatever puts it in (``mi.traverse``, an optimizer, a
-texture, a map), counts as the bound; its gradient is that at the bound, so an optimizer can come back.
+texture, a map), counts as the bound; its gradient is that at the bound, so an optimizer can come back. NaN stays NaN.
 Unpolarized: in polarized variants it depolarizes. Under ``ptracer``, which comes from the light, viewer and light are
 exchanged.
 Reference: Shen et al., *Neural Enhancement of Analytical Appearance Models*.
@@ -224,8 +224,7 @@ class Enhanced(mi.BSDF):
         value = form.brdf(viewer, light, self.m_parameters.spectral(params, si, active), form.evaluators, folded)
         if self.m_energy:
             value = energy_bound.bounded(value, self.m_bound, viewer, light, params)
-        for v in self.m_parameters.with_gradients(everything):
-            value += self.m_zero * v  # a parameter without effect has the gradient 0; without this it would have none
+        value += self._no_effect(everything)
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
     def _mixture(self, si, form, params) -> tuple[Model, list]:
@@ -274,13 +273,17 @@ class Enhanced(mi.BSDF):
 
     def eval_diffuse_reflectance(self, si, active=True):
         """Albedo of the diffuse term: pi M."""
-        form, params, _, folded = self._prepare(si, active)
+        form, params, everything, folded = self._prepare(si, active)
         if "M" not in form.brdf.model.graph.slots:  # rho_d is 0
-            return dr.zeros(mi.Spectrum)
+            return mi.Spectrum(self._no_effect(everything))
         up = mi.Vector3f(0, 0, 1)
         params = self.m_parameters.spectral(params, si, active)
         graph, record, _ = form.brdf.prepare(up, up, params, form.evaluators, folded)
-        return mi.Spectrum(graph.find("M")(record) * dr.pi)
+        return mi.Spectrum(graph.find("M")(record) * dr.pi + self._no_effect(everything))
+
+    def _no_effect(self, everything) -> mi.Float:
+        """Return 0 with the gradient 0 of every parameter: one without effect would have none."""
+        return sum((self.m_zero * v for v in self.m_parameters.with_gradients(everything)), mi.Float(0))
 
     def to_string(self):
         lines = self.m_material.show().splitlines()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,3 +65,49 @@ def rough(names: Collection[str]) -> tuple[Lobe, ...]:
     True
     """
     return tuple(lobe for lobe in LOBES if lobe.alpha_x in names)
+
+
+class _Absent:
+    """A colour that is left out because it is 0: a product with it is left out, too, and a sum goes without it."""
+
+    def __mul__(self, other):
+        return self
+
+    def __add__(self, other):
+        return other
+
+    def __rsub__(self, other):
+        return other
+
+    __rmul__ = __truediv__ = __mul__
+    __radd__ = __add__
+
+    def __sub__(self, other):
+        return -other
+
+    def __neg__(self):
+        return self
+
+
+_ABSENT = _Absent()
+
+
+def without_absent(lobes: Callable[[Mapping], list[tuple]], colours: Iterable[str], params: Mapping) -> list:
+    """Return the lobes of a model, None for one whose colour is not among `params`.
+
+    Parameters
+    ----------
+    lobes : callable
+        As of :class:`mi_enhance.analytic.models.model.Model`.
+    colours : iterable of str
+        Names of all colours of the model.
+    params : dict
+
+    Examples
+    --------
+    >>> two = lambda p: [(p["A"] * 4.0, 0.1, 0.1), (p["rho_s"], 0.2, 0.2)]
+    >>> without_absent(two, ("A", "rho_s"), {"rho_s": 0.5})
+    [None, (0.5, 0.2, 0.2)]
+    """
+    found = lobes({**dict.fromkeys(colours, _ABSENT), **params})
+    return [None if lobe[0] is _ABSENT else lobe for lobe in found]

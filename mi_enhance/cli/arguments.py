@@ -104,6 +104,14 @@ def positive(text: str) -> int:
     return int(value)
 
 
+def picture_size(text: str) -> int:
+    """Pixels on a side of a picture whose SSIM is measured; its window needs as many."""
+    value = positive(text)
+    if value < 11:
+        raise argparse.ArgumentTypeError(f"{text} is too small: SSIM needs at least 11 pixels on a side")
+    return value
+
+
 def pair(text: str) -> tuple[str, str]:
     key, equals, value = text.partition("=")
     if not (key and equals):
@@ -140,7 +148,7 @@ def model(name: str) -> Material:
     from ..analytic import models
     from ..material.material import Material
 
-    if name.endswith(".toml"):
+    if name.lower().endswith(".toml"):
         return Material.analytic(models.from_toml(name))
     return Material.load(model_path(name))
 
@@ -151,7 +159,7 @@ def model_path(name: str) -> Path:
     Mitsuba looks for relative names beside the scene first; what a user names on the command line is meant from where
     the user stands.
     """
-    if not name.endswith(".bsdf"):
+    if not name.lower().endswith(".bsdf") and Path(name).name == name:
         return network_file(name)
     return require_file(name, f'-m "{name}"').absolute()
 

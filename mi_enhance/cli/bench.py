@@ -18,7 +18,9 @@ def add(subparsers: arguments.Subparsers) -> None:
     arguments.add_samples(p)
     arguments.add_variant(p)
     arguments.add_output_folder(p, "bench")
-    p.add_argument("--resolution", type=arguments.positive, default=256, help="pixels on a side (default: %(default)s)")
+    p.add_argument(
+        "--resolution", type=arguments.picture_size, default=256, help="pixels on a side (default: %(default)s)"
+    )
     p.add_argument("--spp", type=arguments.positive, default=64, help="samples per pixel (default: %(default)s)")
     p.add_argument("--rounds", type=arguments.positive, default=5, help="interleaved runs (default: %(default)s)")
 

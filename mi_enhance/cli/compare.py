@@ -20,7 +20,9 @@ def add(subparsers: arguments.Subparsers) -> None:
     arguments.add_variant(p)
     arguments.add_output_folder(p, "compare")
     p.add_argument("--scene", default="shader_ball", help="bundled scene or .xml file (default: %(default)s)")
-    p.add_argument("--resolution", type=arguments.positive, default=256, help="pixels on a side (default: %(default)s)")
+    p.add_argument(
+        "--resolution", type=arguments.picture_size, default=256, help="pixels on a side (default: %(default)s)"
+    )
     p.add_argument("--spp", type=arguments.positive, default=256, help="samples per pixel (default: %(default)s)")
 
 

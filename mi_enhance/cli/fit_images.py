@@ -11,7 +11,7 @@ from ..system.bundled_files import DEFAULT_NETWORK
 from . import arguments
 from .outputs import made, output_file, output_folder
 from .progress_bar import progress_bar
-from .scene_file import load_scene
+from .scene_file import load_scene, refuse_inputs
 
 
 def add(subparsers: arguments.Subparsers) -> None:
@@ -62,6 +62,7 @@ def run(args: argparse.Namespace) -> dict:
     outputs = _outputs(output, scene_materials.find(mi.traverse(scene)))
     for path in outputs.values():
         output_file(path, (".bsdf",), inputs)
+    refuse_inputs(mi, args.scene, args.define, outputs.values())
     views = read_views(args.views)
     with progress_bar(f"fit {len(views)} views", quiet=args.json) as progress:
         found = fit_images.fit_images(

@@ -39,7 +39,7 @@ def output_file(name: str | Path, suffixes: tuple[str, ...], inputs: Iterable[st
         raise ValueError(f'-o: "{name}" must end in {" or ".join(suffixes)}.')
     if path.is_dir():
         raise ValueError(f'-o: "{name}" is a folder. Name a file, in it or elsewhere.')
-    if any(_is_same(path, other) for other in inputs):
+    if any(is_same(path, other) for other in inputs):
         raise ValueError(f'-o: "{name}" is what the command reads. Choose another name.')
     if path.exists() and not os.access(path, os.W_OK):
         raise PermissionError(f'-o: "{name}" is write-protected. Choose another name.')
@@ -75,10 +75,11 @@ def made(path: Path) -> Path:
     return path
 
 
-def _is_same(path: Path, other: str | Path | None) -> bool:
+def is_same(path: Path, other: str | Path | None) -> bool:
+    """Tell whether two names are of one file that exists, whatever links lie between."""
     try:
         return other is not None and os.path.samefile(path, other)
-    except OSError:  # one of them does not exist
+    except (OSError, ValueError):  # one of them does not exist
         return False
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from . import arguments
 from .outputs import made, output_file
-from .scene_file import load_scene
+from .scene_file import load_scene, refuse_inputs
 
-_EIGHT_BIT = (".png", ".jpg")
-_IMAGES = (".exr", ".png", ".jpg", ".hdr", ".pfm")
+_EIGHT_BIT = (".png", ".jpg", ".jpeg")
+_IMAGES = (".exr", ".png", ".jpg", ".jpeg", ".hdr", ".pfm")
 
 
 def add(subparsers: arguments.Subparsers) -> None:
@@ -33,11 +33,17 @@ def run(args: argparse.Namespace) -> dict:
     from ..system.files import replacing
 
     scene = load_scene(mi, args.scene, where, args.define)
+    refuse_inputs(mi, args.scene, args.define, [output])
     if scene.integrator() is None:
         raise ValueError(f'{where}: the scene has no integrator. Add one: <integrator type="path"/>')
     if not scene.sensors():
         raise ValueError(f'{where}: the scene has no sensor. Add one: <sensor type="perspective"> ... </sensor>')
     film = scene.sensors()[0].film()
+    if film.class_name() == "SpecFilm" and scene.integrator().aov_names():
+        raise ValueError(
+            f"{where}: a specfilm cannot record what integrator aov adds: Mitsuba writes beyond its end. Use an "
+            "hdrfilm, or render without aov."
+        )
     film.prepare(scene.integrator().aov_names())
     suffix = output.suffix.lower()
     empty = film.bitmap()

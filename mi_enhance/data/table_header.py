@@ -32,6 +32,7 @@ _UNITS = {
 _LONGEST_FIRST = sorted(_UNITS, key=len, reverse=True)  # f_r before f
 _SEPARATORS = (";", "\t", ",", None)  # None: any white space; last, as it stands beside the others, too
 _COMMENT = re.compile(r"^\s*(?:#|%|//|sep=)")  # sep=: a line for Excel
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")  # the exponent of double precision
 _MOST_LINES = 1000  # of text before the numbers
 # Words for angles in degrees, outside of the header; "23 °C" and "seen at 45 deg" do not.
 _DEGREES = re.compile(r"(?<!\d)(?<!\d\s)(?:\bdeg(?:rees?)?\b|°)(?!\s*[cf]\b)", re.IGNORECASE)
@@ -68,8 +69,8 @@ class Header:
 
 
 def is_comment(line: str) -> bool:
-    """Tell whether a line holds no numbers: it is empty or begins as comments do."""
-    return not line.strip() or _COMMENT.match(line) is not None
+    """Tell whether a line holds no numbers: it is empty, but for separators, or begins as comments do."""
+    return not line.strip(" ,;\t\r\n") or _COMMENT.match(line) is not None
 
 
 def split(line: str, separator: str | None, n: int = 0) -> list[str]:
@@ -87,8 +88,14 @@ def _unquoted(line: str, separator: str) -> list[str]:
 
 
 def decimal(cell: str) -> str:
-    """Return a number with a decimal point; what stands in one cell has no other use for a comma."""
-    return cell.strip().replace(",", ".")
+    """Return a number with a decimal point and an exponent e; what stands in one cell has no other use for a comma.
+
+    Examples
+    --------
+    >>> decimal("0,25"), decimal(" 2.5D-01")
+    ('0.25', '2.5e-01')
+    """
+    return _FORTRAN.sub("e", cell.strip().replace(",", "."))
 
 
 def is_number(cell: str) -> bool:
@@ -97,7 +104,7 @@ def is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return True
+    return "_" not in cell  # 1_000 is a number in Python alone
 
 
 def read_header(lines: Iterable[str], where: str) -> Header:
@@ -125,7 +132,7 @@ def read_header(lines: Iterable[str], where: str) -> Header:
                 header_line = k
                 continue
             if _is_numbers(line) and not is_comment(line):
-                closest = closest if closest[0] > 1 else (0, f"Line {k} holds numbers already.")
+                closest = closest if closest[0] else (0, f"Line {k} holds numbers already.")
                 break
             if found.known >= closest[0]:
                 closest = found.known + 1, f"Line {k} is {shortened(line.strip())}.{found.missing}"

@@ -46,7 +46,7 @@ def sample(
     Heitz and d'Eon 2014, *Importance Sampling Microfacet-Based BSDFs using the Distribution of Visible Normals*: a
     V-cavity has two sides, n and its mirror image about the normal, seen in proportion to their projected areas.
     """
-    lobes = model.lobes(params)
+    lobes = model.present_lobes(params)
     # On the rim of the unit square Mitsuba's visible normals are NaN: one direction of eight million.
     sample2 = dr.clip(sample2, 1e-7, 1 - 1e-7)
     cosine = mi.warp.square_to_cosine_hemisphere(sample2)
@@ -89,7 +89,7 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model 
     q, active = geometry.local_quantities(wi, wo, params)
     local_i, local_o, h = q["wi"], q["wo"], q["h"]
     density = (1 - sum(shares)) * mi.warp.square_to_cosine_hemisphere_pdf(wo)
-    for (_, a_x, a_y), share in zip(model.lobes(params), shares, strict=True):
+    for (_, a_x, a_y), share in zip(model.present_lobes(params), shares, strict=True):
         # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to
         # 0 or below at grazing angles and would leave a mirror direction without density.
         if model.v_cavity:

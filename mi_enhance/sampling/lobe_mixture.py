@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameters
+from ..analytic.lobes import without_absent
 from ..analytic.models.model import Model
 from .importance import _GGX
 
@@ -68,14 +69,14 @@ def scaled(model: Model, lobes: Sequence[tuple]) -> Model:
     >>> wide.lobes({"rho_s": mi.Color3f(1), "alpha_x": mi.Float(0.1), "alpha_y": mi.Float(0.2)})[0][1:]
     ([0.2], [0.4])
     """
-    absent = dict.fromkeys(parameters.colours(model.parameters))
+    colours = parameters.colours(model.parameters)
 
     def result(params):
-        own = model.lobes({**absent, **params})
+        own = without_absent(model.lobes, colours, params)
         return [
             (own[k][0], *(dr.clip(a * c, *parameters.ROUGHNESS) for a in own[k][1:]))
             for k, c in lobes
-            if own[k][0] is not None
+            if own[k] is not None
         ]
 
     return dataclasses.replace(model, lobes=result)
@@ -99,8 +100,8 @@ def shares_at(cos: mi.Float, params: Mapping, albedos: mi.Float, model: Model) -
     list of mi.Float
         At least 0.05 each.
     """
-    absent = dict.fromkeys(parameters.colours(model.parameters))
-    strengths = [rho for rho, *_ in model.lobes({**absent, **params})] + [params.get("rho_d")]
+    lobes = without_absent(model.lobes, parameters.colours(model.parameters), params)
+    strengths = [lobe and lobe[0] for lobe in lobes] + [params.get("rho_d")]
     nodes = len(albedos) // len(strengths)
     x = dr.sqrt(dr.clip(cos, 0, 1)) * (nodes - 1)
     k = dr.minimum(mi.UInt32(x), max(nodes - 2, 0))
@@ -135,7 +136,7 @@ def shares(params: Mapping, lobe_albedo, model: Model = _GGX) -> list[mi.Float]:
     list of mi.Float
         At least 0.05 each, at most 0.95 together.
     """
-    strengths = [dr.mean(rho_s) for rho_s, *_ in model.lobes(params)]
+    strengths = [dr.mean(rho_s) for rho_s, *_ in model.present_lobes(params)]
     if not strengths:
         return []
     diffuse = dr.mean(params["rho_d"]) if "rho_d" in params else 0

@@ -129,6 +129,38 @@ def test_gradients_reach_what_a_parameter_is_computed_from(quad):
     np.testing.assert_allclose(dr.grad(x).numpy(), sum(values[key] @ expected[key] for key in KEYS), rtol=1e-3)
 
 
+@pytest.mark.parametrize("zero", [("A",), ("rho_d",), ("A", "rho_d")])
+@pytest.mark.parametrize("bound_energy", [False, True])
+def test_colours_that_are_zero_take_their_lobes_along(llvm, zero, bound_energy):
+    m = Material.analytic("abc")
+    bsdf = (m.bounded() if bound_energy else m).bsdf()
+    p = mi.traverse(bsdf)
+    for name in zero:
+        p[name] = mi.Color3f(0)
+    p.update()
+    si, ctx = dr.zeros(mi.SurfaceInteraction3f), mi.BSDFContext()
+    si.wi, wo = mi.Vector3f(0.6, 0, 0.8), mi.Vector3f(0, 0.6, 0.8)
+    expected = m.edit(**{name: 1e-6 if name == "A" else 0.0 for name in zero}).evaluate(
+        [[0.6, 0, 0.8]], [[0, 0.6, 0.8]]
+    )
+    value, pdf = bsdf.eval_pdf(ctx, si, wo)
+    np.testing.assert_allclose(np.array(value).ravel(), 0.8 * expected[0], rtol=1e-3, atol=1e-5)
+    assert pdf[0] > 0
+    bs, weight = bsdf.sample(ctx, si, mi.Float(0.3), mi.Point2f(0.2, 0.3))
+    assert bs.pdf[0] > 0 and np.isfinite(np.array(weight)).all()
+
+
+def test_diffuse_reflectance_has_a_gradient_of_every_parameter(llvm):
+    bsdf = Material.analytic("ggx").bsdf()
+    p = mi.traverse(bsdf)
+    for name in ("rho_d", "rho_s", "F0"):
+        dr.enable_grad(p[name])
+    p.update()
+    dr.backward(dr.sum(bsdf.eval_diffuse_reflectance(dr.zeros(mi.SurfaceInteraction3f)), axis=None))
+    assert np.array(dr.grad(p["rho_d"])).ravel() == pytest.approx([1, 1, 1], abs=1e-6)
+    assert not np.array(dr.grad(p["rho_s"])).any() and not np.array(dr.grad(p["F0"])).any()
+
+
 def test_forward_mode_is_the_reverse_mode(quad):
     p, brightness = quad
     gradient = _gradients(p, brightness, KEYS)

@@ -156,3 +156,10 @@ def test_options_of_version_0_1_still_work(old, new, capsys):
     with pytest.raises(SystemExit):
         main([old[0], "--help"])
     assert "--network" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", [["compare", "x.bsdf"], ["bench", "x.bsdf"]], ids=lambda c: c[0])
+def test_pictures_too_small_to_be_compared_are_refused_before_the_work(command, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main([*command, "--resolution", "10"])
+    assert "10 is too small: SSIM needs at least 11 pixels on a side" in capsys.readouterr().err

@@ -7,6 +7,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from mi_enhance.cli import arguments
 from mi_enhance.cli.main import main
 from mi_enhance.cli.scene_file import load_scene
 from mi_enhance.material.material import Material
@@ -73,8 +74,10 @@ def test_scene_that_names_its_own_material_keeps_it(folder):
 
 
 def test_unknown_parameter_is_still_refused(folder):
-    with pytest.raises(RuntimeError, match=r"unused parameters:\s+- \$wide=3$"):
+    with pytest.raises(ValueError, match=r"test: -D: neither the scene nor what it includes has \$wide\.$"):
         load(folder, scene(LIGHT), ("wide", "3"), material="m.bsdf")
+    with pytest.raises(ValueError, match=r"has \$material, \$wide\."):
+        load(folder, scene(LIGHT), ("wide", "3"), ("material", "m.bsdf"))
 
 
 def test_what_is_no_scene_is_refused(folder):
@@ -103,6 +106,15 @@ def test_model_that_is_not_there_is_named(folder, capsys):
     arguments = ["fit-images", str(folder / "scene/s.xml"), "photos", "-m", "other.bsdf", "-o", "o.bsdf"]
     assert main(arguments) == 2
     assert '-m "other.bsdf": no such file' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name, value", [("./ggx", 0.75), ("OWN.BSDF", 0.75), ("sub/ggx", 0.75), ("ggx", None)])
+def test_model_by_path_is_the_file_of_the_user(folder, name, value):
+    (folder / "here/sub").mkdir()
+    if value:
+        (folder / "here" / name).write_bytes((folder / "here/m.bsdf").read_bytes())
+    expected = Material.analytic("ggx").edit(rho_d=value) if value else Material.pretrained("ggx")
+    np.testing.assert_array_equal(arguments.model(name).params["rho_d"], expected.params["rho_d"])
 
 
 # ---------------------------------------------------------------------- render
@@ -162,7 +174,7 @@ def test_exr_has_the_channels_of_the_film(llvm, tmp_path, parts, variant, names)
         assert len(channels) == len(names)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".PNG", ".hdr", ".pfm"])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".jpeg", ".PNG", ".hdr", ".pfm"])
 @pytest.mark.parametrize("parts", [[AOVS, camera()], [AOVS, camera(more=pixel_format("rgba"))], [PATH, camera()]])
 def test_other_images_take_the_colour_alone(llvm, tmp_path, parts, suffix):
     assert rendered(tmp_path, parts, f"o{suffix}") == 0
@@ -184,3 +196,25 @@ def test_scene_that_cannot_be_rendered_is_one_line(llvm, tmp_path, capsys, parts
     assert rendered(tmp_path, parts, "o.exr") == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("output", ["light.exr", "included.exr", "link.exr", "given.exr"])
+def test_what_a_scene_reads_is_never_written_over(llvm, tmp_path, capsys, monkeypatch, output):
+    monkeypatch.chdir(tmp_path)
+    mi.Bitmap(np.ones((4, 8, 3), np.float32)).write("light.exr")
+    (tmp_path / "given.exr").write_bytes((tmp_path / "light.exr").read_bytes())
+    (tmp_path / "link.exr").symlink_to("light.exr")
+    light = '<emitter type="envmap"><string name="filename" value="{}"/></emitter>'
+    (tmp_path / "included.exr").write_text(scene(light.format("light.exr")))  # Mitsuba does not mind the suffix
+    first = '<include filename="included.exr"/>' if output != "given.exr" else light.format("$light")
+    (tmp_path / "s.xml").write_text(scene(PATH, camera(), first))
+    before = (tmp_path / output).read_bytes()
+    define = ["-D", "light=given.exr"] if output == "given.exr" else []
+    assert main(["render", "s.xml", "-o", output, *define]) == 2
+    assert "what the " in capsys.readouterr().err
+    assert (tmp_path / output).read_bytes() == before
+
+
+def test_film_that_cannot_record_more_is_refused(llvm, tmp_path, capsys):
+    assert rendered(tmp_path, [AOVS, camera("specfilm", BANDS)], "o.exr", "llvm_ad_spectral") == 2
+    assert "a specfilm cannot record what integrator aov adds" in capsys.readouterr().err

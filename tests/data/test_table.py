@@ -124,6 +124,13 @@ def test_encodings(tmp_path, content):
     assert data.load(tmp_path / "t.csv").f[:, 0].tolist() == [0.25, 1.5]
 
 
+def test_exponents_of_fortran_and_rows_of_separators(tmp_path):
+    (tmp_path / "t.csv").write_text("theta_i,phi_i,theta_o,phi_o,f\n,,,,\n0.0D0,0,1.0d-1,0,2.5D+00\n , ,,,\n")
+    m = data.load(tmp_path / "t.csv")
+    assert m.f.tolist() == [[2.5, 2.5, 2.5]]
+    np.testing.assert_allclose(m.wo[0, 0], np.sin(0.1), rtol=1e-6)
+
+
 @pytest.mark.parametrize("suffix", [".txt", ".tsv"])
 def test_suffixes_of_tables(tmp_path, suffix):
     (tmp_path / f"t{suffix}").write_text(RAD.replace(",", "\t"))
@@ -217,11 +224,14 @@ HEADER = "wi_x,wi_y,wi_z,wo_x,wo_y,wo_z,f_r,f_g,f_b\n"
         (ANGLES.replace("phi_o", "theta_o") + "0,0,0,0,1\n", "Missing in it: phi_o"),
         ("f," + ANGLES + "1,0,0,0,0,1\n", "the column f stands there twice"),
         ("", "The file is empty. Expected is one line of column names"),
+        (ANGLES + "0.1,0,1,0,1_000\n", "line 2: '1_000' in column f is no number"),
+        ("polar,azimuth,x\n0.1,0,0.5\n", "no line names the columns. Line 1 is 'polar,azimuth,x'"),
         ("<html>not found</html>", "no line names the columns. Line 1 is '<html>"),
         ("x" * 100_000, "line 1 is longer than 65536 characters"),
     ],
     ids=(
-        "nan inf huge unit horizon word hole short decimal mixed none missing nameless double twice empty html long"
+        "nan inf huge unit horizon word hole short decimal mixed none missing nameless double twice empty underscore "
+        "other html long"
     ).split(),
 )
 def test_what_is_wrong_is_named(tmp_path, text, message):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from .. import parameters as p
 from ..graph import Node
-from ..lobes import LOBES
+from ..lobes import LOBES, without_absent
 
 
 def lobes_of_alpha(params: Mapping) -> list[tuple]:
@@ -66,6 +66,10 @@ class Model:
 
     def __str__(self) -> str:
         return str(self.graph)
+
+    def present_lobes(self, params: Mapping) -> list[tuple]:
+        """Return :attr:`lobes` without those whose colour is not among `params`: it is 0."""
+        return [lobe for lobe in without_absent(self.lobes, p.colours(self.parameters), params) if lobe]
 
 
 def renamed(name: str, term: Callable, own: Mapping[str, str], label: str = "") -> Node:
