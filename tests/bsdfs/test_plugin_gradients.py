@@ -79,6 +79,7 @@ def _check(gradient, differences, brightness):
     np.testing.assert_allclose(gradient, differences, atol=NOISE * scale)
 
 
+@pytest.mark.slow
 def test_gradient_of_every_parameter_is_that_of_the_render(quad):
     p, brightness = quad
     gradient = _gradients(p, brightness, KEYS, MANY)

@@ -165,6 +165,7 @@ def test_warped_mixtures_are_mixtures_times_their_warp(tmp_path):
         np.testing.assert_allclose(b.f, expected, rtol=1e-5)  # stored as float32, cosines of 0.01 in a logarithm
 
 
+@pytest.mark.slow
 def test_albedo_of_mixtures_is_scaled_into_the_range(tmp_path):
     """Seen from above, brightest channel; what is darker than 1/30 of what was asked for stays dark."""
     names, latents = nps.read_latents(NPS)

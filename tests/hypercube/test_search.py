@@ -131,6 +131,7 @@ def test_measured_cost_is_a_time(llvm, tmp_path):
     assert all(0 < row["cost"] < 1e6 for row in found.stages[0]["candidates"])
 
 
+@pytest.mark.slow
 def test_other_terms_are_tried(llvm, tmp_path):
     """Terms of other models compete with modules."""
     settings = {**SMALL, "fixed": {**SMALL["fixed"], "D": "analytic", "F": "analytic"}}

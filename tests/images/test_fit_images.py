@@ -212,6 +212,7 @@ def test_texels_are_unknowns(llvm):
     assert np.sort(error)[:6].max() < 0.06
 
 
+@pytest.mark.slow
 def test_two_materials_at_once(llvm):
     reds = [Material.analytic("ggx").edit(rho_d=c, rho_s=0.0) for c in ((0.7, 0.1, 0.1), (0.1, 0.3, 0.6))]
     cameras = around(2, target=(0, 1, 0), distance=9, resolution=24)
@@ -424,6 +425,7 @@ def test_materials_are_read_from_textures_of_other_channels(llvm):
     assert len({u.key for name in ("alpha_x", "rho_d") for u in unknowns.enhanced(scene, [name])}) == 1
 
 
+@pytest.mark.slow
 def test_bitmaps_of_8_bits_stay_unless_they_are_loaded_as_numbers(paint):
     """Mitsuba keeps their integers, which have no gradients."""
     file = {"type": "bitmap", "bitmap": mi.Bitmap(np.full((1, 1, 3), 188, np.uint8))}
@@ -438,6 +440,7 @@ def test_bitmaps_of_8_bits_stay_unless_they_are_loaded_as_numbers(paint):
         np.testing.assert_allclose(texels.mean(0), PAINT["rho_d"], atol=0.05)
 
 
+@pytest.mark.slow
 def test_integers_of_numpy_are_integers(paint):
     stages = [tuple(np.array([2, 2, 1]))]
     scene = ball(Material.analytic("ggx").bsdf())

@@ -248,6 +248,7 @@ def test_network_without_any_kink_is_an_affine_function_that_can_be_kept():
     np.testing.assert_allclose(distillation.forward(again.layers, y), wanted, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_command_line_and_back(llvm, tmp_path, capsys):
     exact().save(tmp_path / "gold.bsdf")
     gold, small, back = (str(tmp_path / name) for name in ("gold.bsdf", "fast.bsdf", "back.bsdf"))
