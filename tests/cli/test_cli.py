@@ -84,7 +84,7 @@ def test_render_that_fails_keeps_the_old_image(scene, tmp_path, monkeypatch, cap
         (["render", "nope.xml", "-o", "x.exr"], r'render "nope\.xml": no such file\. Check the name'),
         (
             ["render", "SCENE", "-o", "x.exr", "-D", "wide=3", "--variant", "scalar_rgb"],
-            r"-D: neither the scene nor what it includes has wide\.",
+            r"-D: neither the scene nor what it includes has \$wide\.",
         ),
         (["convert", "nope.binary", "-o", "x.csv"], r'data\.load\("nope\.binary"\): no such file'),
         (
