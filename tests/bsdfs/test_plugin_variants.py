@@ -170,4 +170,4 @@ def test_material_of_another_network_is_a_function_of_its_own(llvm):
     shapes = {f"s{k}": {"type": "sphere", "bsdf": b} for k, b in enumerate((material().to_dict(), other))}
     one = largest_kernel(ball(material().to_dict()))[0]  # a scene that lives on would be compiled into the next kernel
     two = largest_kernel(scene(shapes))[0]
-    assert two > 1.5 * one
+    assert two - one > 1000  # the other networks are in there; what lives on from an earlier test counts in both
