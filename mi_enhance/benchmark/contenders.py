@@ -47,7 +47,7 @@ class Contender(NamedTuple):
 
 
 def contenders(
-    path: Path,
+    truth: dict | None,
     measurements: Measurements,
     folder: Path,
     *,
@@ -59,8 +59,8 @@ def contenders(
 
     Parameters
     ----------
-    path : Path
-        RGL ``.bsdf``, which Mitsuba's ``measured`` renders.
+    truth : dict, optional
+        The measured file as Mitsuba's ``measured`` renders it, if it can.
     measurements : Measurements
         Samples of it, which the models are fitted to.
     folder : Path
@@ -74,11 +74,11 @@ def contenders(
     Returns
     -------
     dict of str to Contender
-        The reference, plain GGX, first; ``measured``, the truth itself, last.
+        The reference, plain GGX, first; ``measured``, the truth itself if it can be rendered, last.
 
     Examples
     --------
-    >>> contenders(path, measurements, Path("out/bench"))  # doctest: +SKIP
+    >>> contenders(truth, measurements, Path("out/bench"))  # doctest: +SKIP
     """
 
     n_done = 0
@@ -120,8 +120,8 @@ def contenders(
     result["NBRDF"] = _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), ggx)
     file = kept("residual", "npz", lambda path: _train_residual(path, lobe, measurements, seed))
     result["GGX and a residual network"] = _residual(file, ggx)
-    spec = {"type": "measured", "filename": str(path)}
-    result["measured"] = Contender(_load, spec, path.stat().st_size, 0, 0, None)
+    if truth:
+        result["measured"] = Contender(_load, truth, Path(truth["filename"]).stat().st_size, 0, 0, None)
     return result
 
 
