@@ -16,6 +16,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ..system.modules import import_all
 from .measurements import Measurements
 
@@ -40,6 +42,9 @@ class Reader:
         What a ``.npz`` of this kind holds, at least.
     names : callable, optional
         ``names(path) -> list of str``, the materials in a collection; None if a file holds one material.
+    function : callable, optional
+        ``function(path) -> f``, of a collection ``function(path, index) -> f``: the reflectance ``f(wi, wo)`` between
+        the values of the file, (N, 3), >= 0. None if it has none.
     """
 
     kind: str
@@ -49,6 +54,7 @@ class Reader:
     magic: bytes = b""
     arrays: tuple[str, ...] = ()
     names: Callable[[str | Path], list[str]] | None = None
+    function: Callable[..., Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
 
 
 _readers: dict[str, Reader] = {}

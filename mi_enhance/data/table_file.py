@@ -32,13 +32,20 @@ from ..system.files import material_name, replacing, require_file
 from .directions import UNIT_TOLERANCE
 from .measurements import Measurements, clamp_negative
 from .registry import reader
+from .scattered import interpolated
 from .table_header import ANGLES, GREY, RGB, VECTORS
 from .text_table import TextTable, read_text
 
 _EXACT = 1e-6  # float32 rounding: such vectors are kept bit by bit
 # More than this share of rows below the horizon is no accident: another axis is the normal, or another angle polar.
 _MANY_BELOW = 0.5
+_MOST_ROWS = 1_000_000  # between which values are sought: more slow the search down and say no more
 _Place = Callable[[int], str]
+
+
+def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance between the rows of a table; see :func:`mi_enhance.data.functions.function_of`."""
+    return interpolated(read(path, n_samples=_MOST_ROWS))
 
 
 @reader(
@@ -46,6 +53,7 @@ _Place = Callable[[int], str]
     about="tables .csv, .tsv, .txt, .dat and .npz",
     suffixes=(".csv", ".tsv", ".txt", ".dat"),
     arrays=("wi", "wo", "f"),
+    function=function,
 )
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     r"""Read a table; columns and rules are in the head of this module.
