@@ -56,7 +56,7 @@ def write_bsdf(source: Material | str | Path, path: str | Path, *, material: str
     >>> write_bsdf(Material.analytic("ggx"), "out.bsdf")["symmetry"]  # doctest: +SKIP
     'isotropic'
     """
-    f, name, facts = _opened(source, material)
+    f, name, facts = opened(source, material)
     symmetry = write_rgl(path, f, description=name)
     return _facts(path, f, facts | {"symmetry": symmetry})
 
@@ -82,7 +82,7 @@ def write_binary(source: Material | str | Path, path: str | Path, *, material: s
     >>> write_binary("gold.csv", "gold.binary")["log_l1"]  # doctest: +SKIP
     0.0021
     """
-    f, _, facts = _opened(source, material)
+    f, _, facts = opened(source, material)
     mean = functions.reciprocal(functions.isotropic(f))
     write_merl(path, mean)
     return _facts(path, f, facts | {"log_l1_of_average": functions.difference(f, mean)})
@@ -130,7 +130,7 @@ def write_csv(
 exporter(".npz", about="the same, smaller", measured=True)(write_csv)
 
 
-def _opened(source: Material | str | Path, material: str) -> tuple[Function, str, dict[str, Any]]:
+def opened(source: Material | str | Path, material: str) -> tuple[Function, str, dict[str, Any]]:
     """Return the reflectance of a source, its name, and what is to be said of it."""
     if isinstance(source, Material):
         return source.evaluate, _name(source), {}
