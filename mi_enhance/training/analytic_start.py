@@ -40,7 +40,7 @@ def analytic_start(brdf: EnhancedBRDF, samples: TrainingSet, cache: Path | None 
 
 def representative(kinds: list[str]) -> np.ndarray:
     """Return the indices of the materials that fits start from: all measured ones and as many others, evenly spaced."""
-    made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes", "assorted") for kind in kinds])
+    made_up = np.array([kind not in ("nps", "nbrdf", "file", "given") for kind in kinds])
     measured, rest = np.flatnonzero(~made_up), np.flatnonzero(made_up)
     n = min(len(rest), max(len(measured), 250))
     return np.sort(np.append(measured, rest[np.linspace(0, len(rest) - 1, n).astype(int)] if n else rest))
