@@ -61,7 +61,8 @@ class EnhancedBRDF:
     def parameters(self) -> tuple[parameters.Parameter, ...]:
         """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``read_out``, ``norm_B``..."""
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
-        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.networks else ()
+        networks = self.networks or self.distilled
+        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and networks else ()
         latent: tuple[parameters.Parameter, ...] = (parameters.latent(self.n_latent),) if reads_latent else ()
         if self.trunk:
             latent += (parameters.read_out(self.trunk.size),)
@@ -226,7 +227,7 @@ class EnhancedBRDF:
         quantities, active = geometry.local_quantities(wi, wo, params)
         record = {**quantities, **params}
         graph = self.model.graph
-        if self.networks:
+        if self.networks or self.distilled:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
             graph = graph.replace(self.replacements(record, wi, wo, evaluators, folded))
