@@ -146,10 +146,10 @@ def bench(
     folder = Path(folder)
     settings: dict[str, Any] = {"samples": n_samples, "seed": seed}
     if model:
-        if not model.brdf.modules:
+        if not model.brdf.networks:
             raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
         # of the default nothing is noted: so earlier runs go on
-        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.modules), model.as_vector())
+        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.networks), model.as_vector())
     if material:
         settings["material"] = material
     keep_settings(folder / "settings.json", settings, "bench()")
