@@ -171,7 +171,8 @@ class _Writer:
     def function(self, name: str) -> str:
         """Return a function of the directions."""
         function = self._program.functions[name]
-        vectors = {a: [v for v in self._inputs(function.outputs) if v.args[0][:-2] == a] for a in function.inputs}
+        given = self._inputs(function.outputs)
+        vectors: dict[str, Sequence[Value]] = {a: [v for v in given if v.args[0][:-2] == a] for a in function.inputs}
         vectors["k"] = self._program.prepared
         vectorizer = Vectorizer(function.outputs, vectors, self._program.labels)
         if len(function.outputs) == 3:

@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -109,7 +110,8 @@ def record(material: Material, *, editable: bool = True) -> Program:
         for name, v in params.items():
             recorder.label(v, name)
         wi, wo, u = (_vector(name, recorder) for name in ("wi", "wo", "u"))
-        model, albedos = brdf.model, Table(np.ravel(mixture.albedos))
+        model = brdf.model
+        albedos: Any = Table(np.ravel(mixture.albedos))
         shares = lobe_mixture.shares_at(wi.z, params, albedos, model)
         if material.mixture:
             model = lobe_mixture.scaled(model, list(enumerate(mixture.scales)))
@@ -121,26 +123,27 @@ def record(material: Material, *, editable: bool = True) -> Program:
         if bound is not None:
             f = energy_bound.bounded(f, bound, wi, wo, params)
         select = FUNCTIONS["select"]
-        density = importance.pdf(wi, wo, params, shares, model)
-        drawn = importance.sample(wi, params, shares, u.x, Point2(u.y, u.z), model)  # type: ignore[arg-type]
+        density: Any = importance.pdf(wi, wo, params, shares, model)
+        point: Any = Point2(u.y, u.z)
+        drawn: Any = importance.sample(wi, params, shares, u.x, point, model)
         functions = {
             "eval": Function({"wi": 3, "wo": 3}, tuple(select(above, f, 0))),
-            "pdf": Function({"wi": 3, "wo": 3}, (density,)),  # type: ignore[arg-type]
-            "sample": Function({"wi": 3, "u": 3}, tuple(drawn)),  # type: ignore[arg-type]
+            "pdf": Function({"wi": 3, "wo": 3}, (density,)),
+            "sample": Function({"wi": 3, "u": 3}, tuple(drawn)),
         }
     outputs = [v for function in functions.values() for v in function.outputs]
     defaults = {p.name: material.params[p.name] for p in open_parameters}
     return Program(str(material.brdf), open_parameters, defaults, _prepared(outputs), functions, recorder.labels)
 
 
-def _energy_table(material: Material) -> Table | None:
+def _energy_table(material: Material) -> Any:
     if not material.bound_energy:
         return None
     table = energy_bound.table(material.brdf, material.as_drjit(), material.lobe_albedo)
     return Table(np.array(table))
 
 
-def _vector(name: str, recorder: Recorder) -> Vector:
+def _vector(name: str, recorder: Recorder) -> Any:
     return Vector(*(recorder.input(f"{name}.{axis}", varying=True) for axis in "xyz"))
 
 
@@ -162,7 +165,15 @@ def _labelled(graph: Node, recorder: Recorder) -> Node:
     fn, name = graph.fn, re.sub(r"\W", "", graph.name.replace("1/", "inv_"))
 
     def labelled(*args, **keywords):
-        result = fn(*args, **keywords)
+        try:
+            result = fn(*args, **keywords)
+        except NotImplementedError:
+            raise
+        except (RuntimeError, TypeError) as error:
+            raise NotImplementedError(
+                f'export: the term in slot "{graph.name}" cannot be translated ({error}). A term must find drjit and '
+                "mitsuba under names of its module, and choose with dr.select()."
+            ) from error
         recorder.label(result, name)
         return result
 

@@ -97,22 +97,25 @@ def source(program: Program, name: str, style: Style = GLSL) -> str:
     >>> "vec3 grey_eval(grey_Material m, vec3 wi, vec3 wo)" in text
     True
     """
-    return "\n".join(_Writer(program, name, style).file()) + "\n"
+    writer = Writer(program, name, style)
+    return "\n".join([*writer.head(), "", *writer.definitions()]) + "\n"
 
 
-class _Writer:
-    """Writes one file."""
+class Writer:
+    """The parts of a file; arguments as of :func:`source`."""
 
-    def __init__(self, program: Program, name: str, style: Style):
+    def __init__(self, program: Program, name: str, style: Style = GLSL):
         self._program, self._prefix, self._style = program, name, style
         self._types, self._tables = style.language.types, dict[tuple, str]()
 
-    def file(self) -> list[str]:
-        bodies = [line for part in (self._prepare, self._eval, self._pdf, self._sample) for line in part()]
+    def definitions(self) -> list[str]:
+        """Return the lines that define structures, constants and functions."""
+        bodies = [*self._prepare(), *(line for name in self._program.functions for line in self._function(name))]
         tables = [line for numbers, name in self._tables.items() for line in self._table(name, numbers)]
-        return [*self._head(), "", *self._structures(), *tables, *bodies]
+        return [*self._structures(), *tables, *bodies]
 
-    def _head(self) -> list[str]:
+    def head(self) -> list[str]:
+        """Return a comment that says what the file is and how it is used."""
         p, m, vector = self._prefix, self._material_argument, self._types["vector"]
         made = f"{p}_Material m = {p}_prepare({p}_defaults());  // once for all pixels, or here: constants fold away"
         call = f"{p}_%s({'m, ' if m else ''}%s);"
@@ -171,16 +174,7 @@ class _Writer:
             *("{", f"    {p}_Material m;", *lines, "    return m;", "}", ""),
         ]
 
-    def _eval(self) -> list[str]:
-        return self._function("eval", "wi, wo")
-
-    def _pdf(self) -> list[str]:
-        return self._function("pdf", "wi, wo")
-
-    def _sample(self) -> list[str]:
-        return self._function("sample", "wi, u")
-
-    def _function(self, name: str, arguments: str) -> list[str]:
+    def _function(self, name: str) -> list[str]:
         function = self._program.functions[name]
         given = {v.number: f"m.k[{k // 4}].{'xyzw'[k % 4]}" for k, v in enumerate(self._program.prepared)}
         lines, texts = self._statements(self._program.values(name), function.outputs, given)
@@ -196,12 +190,8 @@ class _Writer:
     def _statements(
         self, values: Sequence[Value], outputs: Sequence[Value], given: dict[int, str]
     ) -> tuple[list[str], list[str]]:
-        inputs = {
-            a.number: f"{'' if a.varying else 'p.'}{a.args[0]}"
-            for v in [*values, *outputs]
-            for a in [v, *v.args]
-            if isinstance(a, Value) and a.op == "input"
-        }
+        operands = [a for v in [*values, *outputs] for a in [v, *v.args] if isinstance(a, Value)]
+        inputs = {a.number: f"{'' if a.varying else 'p.'}{a.args[0]}" for a in operands if a.op == "input"}
         taken = {"m", "p", "wi", "wo", "u"}
         body = Statements(self._style.language, inputs | given, self._program.labels, self._table_name, taken)
         texts = body.write(values, outputs)

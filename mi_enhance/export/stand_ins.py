@@ -13,7 +13,7 @@ import operator
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import drjit
 import mitsuba
@@ -50,6 +50,15 @@ class Vector:
     def __neg__(self) -> Vector:
         return type(self)(*(-v for v in self))
 
+    def __and__(self, mask: Any) -> Vector:
+        return type(self)(*(select(mask, v, 0) for v in self))
+
+    if TYPE_CHECKING:  # made by _install()
+
+        def __add__(self, other: Any) -> Any: ...
+
+        def __mul__(self, other: Any) -> Any: ...
+
 
 class Colour(Vector):
     """In place of ``mi.Color3f``."""
@@ -80,7 +89,6 @@ def _install(name: str) -> None:
 
 for _name in ("add", "sub", "mul", "truediv"):
     _install(_name)
-Vector.__and__ = lambda a, mask: _each(lambda v: select(mask, v, 0), a)  # type: ignore[attr-defined]
 
 
 class Frame:
@@ -93,7 +101,7 @@ class Frame:
         return Vector(_dot(self.s, v), _dot(self.t, v), _dot(self.n, v))
 
     def to_world(self, v: Vector) -> Any:
-        return self.s * v.x + self.t * v.y + self.n * v.z  # type: ignore[operator]
+        return self.s * v.x + self.t * v.y + self.n * v.z
 
     @staticmethod
     def cos_theta(v: Vector) -> Value:
@@ -224,7 +232,7 @@ class _Microfacets:
         view = normalize(Vector(wi.x * self.alpha_x, wi.y * self.alpha_y, wi.z))
         phi, z = u.x * (2 * math.pi), (1 - u.y) * (1 + view.z) - view.z
         r = operation("sqrt", operation("max", 1 - z * z, 0))
-        h = Vector(r * operation("cos", phi), r * operation("sin", phi), z) + view  # type: ignore[operator]
+        h = Vector(r * operation("cos", phi), r * operation("sin", phi), z) + view
         return normalize(Vector(h.x * self.alpha_x, h.y * self.alpha_y, operation("max", h.z, 1e-12))), None
 
 
@@ -277,7 +285,8 @@ def recording() -> Iterator[Recorder]:
     """
     stand_ins = {id(drjit): _DrJit(), id(mitsuba): _Mitsuba()}
     with _LOCK, active(Recorder()) as recorder:
-        places = [
+        places: list[tuple[dict, str, Any]] = [(sys.modules, m.__name__, m) for m in (drjit, mitsuba)]
+        places += [
             (module.__dict__, name, found)
             for key, module in list(sys.modules.items())
             if not key.startswith(("drjit", "mitsuba", __package__))

@@ -161,7 +161,7 @@ class Statements:
         if v.op == "constant":
             x = v.args[0]
             text = number(x) if v.kind == "float" else self._language.truth[x] if v.kind == "bool" else str(x)
-            own = SIGN if text.startswith("-") else ATOM
+            own: float = SIGN if text.startswith("-") else ATOM
         else:
             text, own = self._texts[v.number]
         return text if own >= binds else f"({text})"
@@ -189,8 +189,8 @@ class Statements:
         if op == "not":
             return language.negation.format(self.operand(args[0], ATOM)), SIGN
         if op == "select":
-            template, binds = language.choice
-            return template.format(*(self.operand(a, OR if binds == CHOICE else 0) for a in args)), binds
+            template, own = language.choice
+            return template.format(*(self.operand(a, OR if own == CHOICE else 0) for a in args)), own
         if self.is_clamp(v):
             inner, high = args
             args, op = (*inner.args, high), "clamp"
