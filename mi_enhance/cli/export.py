@@ -45,14 +45,16 @@ def _kinds() -> str:
 def run(args: argparse.Namespace) -> dict:
     from ..export.registry import export_material, exporters, read_source
 
-    output = output_file(args.output, tuple(exporters()), [args.file])
+    kinds = exporters()
+    output = output_file(args.output, tuple(kinds), [args.file])
+    takes_progress = kinds[output.suffix.lower()].takes_progress
     arguments.set_variant(args.variant)
     source = read_source(args.file)
     if args.edits:
         if not hasattr(source, "edit"):
             raise ValueError(f'--set: "{args.file}" is a measured file, which has no parameters to edit.')
         source = source.edit(**dict(args.edits))
-    with progress_bar("export", quiet=args.json) as progress:
+    with progress_bar("export", quiet=args.json or not takes_progress) as progress:
         facts = export_material(source, made(output), progress=progress, **arguments.settings(args.define))
     print(f"{output}: {said(facts)}")
     return {"output": str(output), **facts}
