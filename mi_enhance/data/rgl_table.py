@@ -72,7 +72,7 @@ def symmetry_of(f: Function) -> str:
     return "quarter" if difference(f, turned(f, 0.0, mirrored=True)) <= _SAME else "half"
 
 
-def write_rgl(path: str | Path, f: Function, *, description: str = "") -> str:
+def write_rgl(path: str | Path, f: Function, *, description: str = "", spectral: bool = False) -> str:
     """Tabulate a reflectance function into an RGL file; Mitsuba's ``measured`` then renders it.
 
     Parameters
@@ -84,6 +84,9 @@ def write_rgl(path: str | Path, f: Function, *, description: str = "") -> str:
         isotropic, its mean over azimuths is written: 3 MB; else one table for each azimuth, 10 MB and more.
     description : str
         What programs show as the name of the material.
+    spectral : bool
+        Write spectra, for programs that read no RGB files: pbrt-v4, and Mitsuba's spectral variants. Colours become
+        reflectance spectra by the basis of Mallett and Yuksel 2019.
 
     Returns
     -------
@@ -105,7 +108,11 @@ def write_rgl(path: str | Path, f: Function, *, description: str = "") -> str:
     where = "write_rgl()"
     require_variant(where, rgb=True, jit=True)
     symmetry = symmetry_of(f)
+    if spectral and symmetry != "isotropic":
+        symmetry = "full"  # pbrt-v4 folds nothing
     tensors = _tensors(isotropic(f) if symmetry == "isotropic" else f, _GRIDS[symmetry], _SPANS.get(symmetry), where)
+    if spectral:
+        tensors |= _spectra(tensors.pop("rgb"))
     text = np.frombuffer((description or Path(path).stem).encode(), np.uint8)
     with replacing(path) as temporary:
         tensor_file.write(temporary, {"description": text, "jacobian": np.ones(1, np.uint8), **tensors})
@@ -151,6 +158,15 @@ def _tensors(f: Function, grid: Grid, span: tuple[float, float] | None, where: s
         "rgb": np.moveaxis(table, -1, 2),
     }  # fmt: skip
     return {name: np.ascontiguousarray(a, np.float32) for name, a in result.items()}
+
+
+def _spectra(rgb: np.ndarray) -> dict[str, np.ndarray]:
+    """Return wavelengths, nm, and the table over them; the basis adds up to 1, so grey stays grey."""
+    from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as BASIS
+
+    every = slice(None, None, 4)  # 20 of its 5 nm
+    spectra = np.einsum("wc,ptcyx->ptwyx", BASIS.values[every].astype(np.float32), rgb)
+    return {"wavelengths": BASIS.wavelengths[every].astype(np.float32), "spectra": np.ascontiguousarray(spectra)}
 
 
 def _axes(n_phi: int, n_theta: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -71,9 +71,9 @@ def plot(
     functions: dict[str, Function] = {}
     for name, f in found:
         functions[name if name not in functions else f"{name} ({len(functions) + 1})"] = f
-    own = "material" if material.brdf.modules or material.brdf.distilled else str(material.brdf.model.name)
-    functions[own] = material.evaluate
-    if material.brdf.modules or material.brdf.distilled:
+    is_enhanced = bool(material.brdf.networks or material.brdf.distilled)
+    functions["material" if is_enhanced else material.brdf.model.name] = material.evaluate
+    if is_enhanced:
         progress(Progress("analytic ancestor", 0, len(functions) + 1))
         label, f = _ancestor(material, measurements[0] if measurements else None, collected)
         functions[label] = f

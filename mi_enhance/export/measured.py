@@ -5,6 +5,7 @@ Each states its error: what the file gives, read by this package's own readers, 
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,9 @@ _ASIDE = 10  # one of so many rows of a table tells how well the others say it
 
 
 @exporter(".bsdf", about="RGL's measured file: Mitsuba's `measured` renders it without this package", measured=True)
-def write_bsdf(source: Material | str | Path, path: str | Path, *, material: str = "") -> dict[str, Any]:
+def write_bsdf(
+    source: Material | str | Path, path: str | Path, *, material: str = "", spectral: bool = False
+) -> dict[str, Any]:
     """Write an RGL file.
 
     Parameters
@@ -40,6 +43,8 @@ def write_bsdf(source: Material | str | Path, path: str | Path, *, material: str
         ``.bsdf``, replaced as a whole or not at all.
     material : str
         Which one, in a measured file that holds several.
+    spectral : bool
+        Write spectra instead of RGB, for pbrt-v4; the errors are those of the same tables in RGB.
 
     Returns
     -------
@@ -57,8 +62,14 @@ def write_bsdf(source: Material | str | Path, path: str | Path, *, material: str
     'isotropic'
     """
     f, name, facts = opened(source, material)
-    symmetry = write_rgl(path, f, description=name)
-    return _facts(path, f, facts | {"symmetry": symmetry})
+    symmetry = write_rgl(path, f, description=name, spectral=spectral)
+    facts["symmetry"] = symmetry
+    if not spectral:
+        return _facts(path, f, facts)
+    with tempfile.TemporaryDirectory() as folder:
+        twin = Path(folder) / "rgb.bsdf"
+        write_rgl(twin, f)
+        return _facts(twin, f, facts) | {"bytes": Path(path).stat().st_size}
 
 
 @exporter(".binary", about="MERL's measured file; isotropic and reciprocal, what is not is averaged", measured=True)

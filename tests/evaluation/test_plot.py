@@ -36,7 +36,7 @@ def test_albedo_of_a_sharp_lobe_is_that_of_sampling(llvm):
     for k in (0, 9):
         si = mi.SurfaceInteraction3f()
         t = np.deg2rad(curves.albedo_angles[k])
-        si.wi = mi.Vector3f(np.sin(t), 0, np.cos(t))
+        si.wi = mi.Vector3f(float(np.sin(t)), 0, float(np.cos(t)))
         u = mi.Point2f(rng.random((2, 20_000)))
         _, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(rng.random(20_000)), u)
         np.testing.assert_allclose(curves.albedo[k], np.array(weight).mean(1), rtol=0.02)  # 1 %: noise of the samples

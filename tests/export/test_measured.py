@@ -95,6 +95,25 @@ def test_stock_mitsuba_samples_the_file_as_it_says(llvm, tmp_path):
     assert above.mean() > 0.9 and (weight.std(0) < 0.5 * weight.mean(0)).all()  # colours differ, one density
 
 
+@pytest.mark.slow
+def test_spectra_of_a_grey_material_are_grey(llvm, tmp_path):
+    """What pbrt-v4 needs: `spectra` over `wavelengths`, no fold of azimuths; read by Mitsuba's spectral variant."""
+    m = ggx(**{**STRETCHED, "rho_d": 0.1})
+    facts = write_bsdf(m, tmp_path / "x.bsdf", spectral=True)
+    wi, wo = sample_pairs(500, seed=3)
+    expected = (m.evaluate(wi, wo) * wo[:, 2:])[:, 0]
+    assert facts["symmetry"] == "full" and facts["log_l1_below_80"] < TABULATED
+    if "llvm_ad_spectral" not in mi.variants():
+        pytest.skip("this Mitsuba has no spectral variant with LLVM")
+    mi.set_variant("llvm_ad_spectral")
+    bsdf = mi.load_dict({"type": "measured", "filename": str(tmp_path / "x.bsdf")})
+    si = mi.SurfaceInteraction3f()
+    si.wi, si.wavelengths = mi.Vector3f(wi.T), mi.Spectrum(400.0, 500.0, 600.0, 700.0)
+    f = np.array(bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(wo.T)))
+    np.testing.assert_allclose(f, np.broadcast_to(f[0], f.shape), rtol=1e-4)
+    assert np.mean(np.abs(np.log1p(f[0]) - np.log1p(expected))) < 10 * TABULATED
+
+
 def test_a_process_without_this_package_renders_the_same(llvm, tmp_path):
     m = ggx(**ISOTROPIC)
     m_file, image = tmp_path / "x.bsdf", tmp_path / "image.npy"
