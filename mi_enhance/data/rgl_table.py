@@ -81,7 +81,7 @@ def write_rgl(path: str | Path, f: Function, *, description: str = "", spectral:
         Replaced as a whole or not at all.
     f : callable
         ``f(wi, wo) -> array (N, 3)``, f_r in 1/sr, linear RGB, >= 0. It need not be reciprocal. If it is nearly
-        isotropic, its mean over azimuths is written: 3 MB; else one table for each azimuth, 10 MB and more.
+        isotropic, its mean over azimuths is written: 3 MB; else one table for each azimuth, 9 MB and more.
     description : str
         What programs show as the name of the material.
     spectral : bool

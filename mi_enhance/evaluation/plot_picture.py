@@ -97,13 +97,14 @@ def _plane(axes: Any, curves: Mapping[str, Curves], styles: Mapping[str, dict], 
 
 def _scale(axes: Any) -> None:
     """Make the axis logarithmic where its lines span decades."""
-    from matplotlib.ticker import LogFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     low, high = axes.dataLim.intervaly
     if high > 20 * low:
         axes.set_yscale("log")
-        for set_formatter in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-            set_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1,) if high > 500 * low else (1, 2, 5)))
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _albedo(axes: Any, curves: Mapping[str, Curves], styles: Mapping[str, dict]) -> None:
@@ -161,6 +162,9 @@ def _slices(figure: Any, curves: Mapping[str, Curves], n_measured: int) -> None:
         bar.set_label("difference of log(1 + f cos)", fontsize=8)
         bar.ax.tick_params(labelsize=7)
     axes[0].set_ylabel("theta_d, degrees", fontsize=8)
+    axes[0].tick_params(
+        labelleft=True
+    )  # of axes that share, only the first in the row has labels, and it may be hidden
 
 
 def _show(axes: Any, image: np.ndarray, title: str, **how: Any) -> Any:
