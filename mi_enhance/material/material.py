@@ -110,10 +110,27 @@ class Material(OldNames):
         ------
         ValueError
             For an unknown name, a wrong length or a value out of range.
+
+        Notes
+        -----
+        Roughness and F0 mean what they mean to the analytic model: factors in RGB are scaled so that every term
+        reflects, to its analytic one, as much as before. That needs a JIT variant.
         """
+        from . import colour_normalization  # which makes materials itself
+
         changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
         exact = {**self.exact, **{name: changed[name] for name in values}} if self.exact else None
-        return dataclasses.replace(self, params=changed, exact=exact)
+        edited = dataclasses.replace(self, params=changed, exact=exact)
+        shape = [p.name for p in self.brdf.model.parameters if not p.is_colour and p.name not in parameters.FRAME]
+        if any(not np.array_equal(changed[name], self.params[name]) for name in shape) and self.factors_in_rgb:
+            return colour_normalization.reshaped(edited, self)
+        return edited
+
+    @property
+    def factors_in_rgb(self) -> bool:
+        """True if terms are scaled in RGB, by read-outs of a trunk or by a network of the material's own."""
+        brdf = self.brdf
+        return any(c.channels == 3 for c in brdf.distilled) or (brdf.trunk is not None and brdf.trunk.channels == 3)
 
     def bounded(self) -> Material:
         """A copy whose directional albedo is at most 1 for every view, also when it is edited.

@@ -281,9 +281,10 @@ class EnhancedBRDF:
         n, functions = len(y) // len(slots), {}
         for k, slot in enumerate(slots):
             factor = [_exp(v, MAX_LOG) for v in y[k * n : (k + 1) * n]]
-            value = factor[0] if n == 1 else mi.Color3f(*factor)
             # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
-            functions[slot] = lambda record, node=self.model.graph.find(slot), value=value: node(record) * value
+            functions[slot] = lambda record, node=self.model.graph.find(slot), factor=factor: node(record) * _colour(
+                factor, record
+            )
         return functions
 
     def _max_logs(self) -> dict[str, float]:
@@ -314,13 +315,20 @@ class EnhancedBRDF:
         def term(record):
             values = evaluator(x, bias) if mlp.varies else bias
             out = [_exp(y + record[name] if name in record else y, limit) for y in values]
-            return out[0] if len(out) == 1 else mi.Color3f(*out)
+            return _colour(out, record)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:
             # Colours are no inputs: such a module scales the term in its slot, and f stays linear in its colour.
             node = self.model.graph.find(slot)
             return lambda record: node(record) * term(record)
         return term
+
+
+def _colour(v: Sequence[mi.Float], record: Mapping) -> Any:
+    """Return one number, or three as a colour: RGB, or what the record's ``of_rgb`` makes of it for a renderer."""
+    if len(v) == 1:
+        return v[0]
+    return record["of_rgb"](mi.Color3f(*v)) if "of_rgb" in record else mi.Color3f(*v)
 
 
 def _exp(y, limit: float):
