@@ -28,7 +28,7 @@ _INPUTS = tuple(name for name in inputs_module.NAMES if name != "log_ratio")
 _SEEDS, _FEW = 3, 2048  # first weights that are tried, on how many samples
 _STAGES = ((2048, 15), (4096, 20), (12288, 25), (32768, 25), (1 << 17, 15))  # samples, most steps
 _UNSEEN = 8192  # samples that are not learned; they decide when to stop
-_ENOUGH = 2e-3  # a share of the error on them: a stage that gains less is the last
+_ENOUGH, _LAST = 2e-3, 1 << 15  # a share of the error on them: a stage of so many samples that gains less is the last
 # Roughnesses this close, and a normal tilted this little (radians), are measurement noise: the material is isotropic,
 # and saves the inputs that depend on the azimuth.
 _SAME_ROUGHNESS, _NO_TILT = 0.05, 0.01
@@ -82,9 +82,9 @@ def own_network(
         u = min(found, key=lambda pair: pair[1][0])[0][0]
         error = float(judge.loss(u[None])[0])
         progress(Progress(f"network {'-'.join(map(str, hidden))}, {n} samples", 1, 1, {"error": error}))
-        if best is not None and error > best[1] * (1 - _ENOUGH):
+        if best is not None and n >= _LAST and error > best[1] * (1 - _ENOUGH):
             break
-        best = u, error
+        best = (u, error) if best is None or error < best[1] else best
         trials = [u]
         if n >= len(seen.f):
             break
