@@ -200,7 +200,7 @@ class Material(OldNames):
         view, light = _directions(wi, wo)
         params = self.as_drjit()
         dr.make_opaque(params)  # data: all materials of one network share a kernel
-        f = self.brdf(view, light, params, fused(self.brdf.modules))
+        f = self.brdf(view, light, params, fused(self.brdf.networks))
         if self.bound_energy:
             bound = energy_bound.table(self.brdf, params, self.lobe_albedo)
             f = energy_bound.bounded(f, bound, view, light, params)

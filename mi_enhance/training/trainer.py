@@ -67,10 +67,10 @@ class Trainer:
     def _space_of(self, brdf: EnhancedBRDF) -> parameter_space.Space:
         return parameter_space.Space(brdf.parameters)
 
-    def _indices(self) -> mi.UInt32:
+    def _indices(self, step: int) -> mi.UInt32:
         """A run of consecutive samples of every material, from a random place; they are in random order anyway."""
         n, total = self.settings.batch, self.samples.n_samples
-        rng = np.random.default_rng((self.settings.seed, self.step))
+        rng = np.random.default_rng((self.settings.seed, step))
         start = mi.UInt32(rng.integers(0, total, self.n_materials).astype(np.uint32))
         offset = dr.repeat(start, n) + dr.tile(dr.arange(mi.UInt32, n), self.n_materials)
         offset = dr.select(offset >= total, offset - total, offset)
@@ -80,7 +80,7 @@ class Trainer:
         """Return the loss (eq. 1) per material on the next batch, and the gradients of weights and of parameters."""
         weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
         with no_collection():
-            loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices())
+            loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices(self.step))
         return np.array(loss, np.float64) / self.settings.batch, self.trainable.gradient(), gradient
 
     def _trace_backward(self, weights, flat, data, index):

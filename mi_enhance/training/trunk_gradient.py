@@ -48,7 +48,13 @@ class TrunkGradient:
         self._backward = dr.freeze(lambda *inputs: self._trace_backward(*inputs))
 
     def __call__(
-        self, weights: mi.Float, flat: mi.Float, read_out: np.ndarray, data: list[mi.Float], index: mi.UInt32
+        self,
+        weights: mi.Float,
+        flat: mi.Float,
+        read_out: np.ndarray,
+        data: list[mi.Float],
+        index: mi.UInt32,
+        counts: mi.Float,
     ) -> tuple[np.ndarray, mi.Float, np.ndarray]:
         """Return the loss of every material, and the gradients of parameters and read-outs, of the mean loss.
 
@@ -63,8 +69,11 @@ class TrunkGradient:
             Rows wi, wo, f of all samples.
         index : mi.UInt32, M * n lanes
             The samples of this step, material after material.
+        counts : mi.Float, M entries
+            How much every material counts in the mean loss whose gradient this is.
         """
         m, n = self.n_materials, self.n
+        self.evaluators.take()  # a frozen function would take what is pending for one of its inputs
         r = self.trunk.matrix(read_out)
         k, n_y = self.trunk.n_units, self.trunk.n_outputs
         with no_collection():
@@ -73,7 +82,7 @@ class TrunkGradient:
             phi = columns.matrix(packed, k).reshape(k, m, n).transpose(1, 0, 2)
             y = np.matmul(r[:, :, :-1], phi) + r[:, :, -1:]
             y = mi.Float(np.ascontiguousarray(y.transpose(1, 0, 2)).ravel())
-            loss, direct, packed_dy = self._middle(flat, y, data, index)
+            loss, direct, packed_dy = self._middle(flat, y, data, index, counts)
             dy = columns.matrix(packed_dy, n_y).reshape(n_y, m, n).transpose(1, 0, 2)
             dr_ = np.concatenate([np.matmul(dy, phi.transpose(0, 2, 1)), dy.sum(2, keepdims=True)], axis=2)
             dphi = np.matmul(r[:, :, :-1].transpose(0, 2, 1), dy)
@@ -108,7 +117,7 @@ class TrunkGradient:
         params, folded, *_ = self._wide(flat)
         return columns.pack(self._units(wi, wo, params, folded))
 
-    def _trace_middle(self, flat, y, data, index):
+    def _trace_middle(self, flat, y, data, index, counts):
         """Return the loss per material, and the gradients of the parameters outside of the trunk and of the logarithms."""
         wi, wo = _directions(data, index)
         f = [dr.gather(mi.Float, row, index) for row in data[6:]]
@@ -118,11 +127,11 @@ class TrunkGradient:
         logs = columns.unpack(y, self.trunk.n_outputs)
         dr.enable_grad(logs)
         q, above = geometry.local_quantities(wi, wo, params)
-        value = self.brdf.model.graph.replace(self.brdf.read(logs))({**q, **params}) & above
+        value = self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))({**q, **params}) & above
         loss: Any = 0
         for truth, v in zip(f, value, strict=True):
             loss += dr.abs(compressed(truth, wo.z) - compressed(v, wo.z)) / 3
-        backward(loss, 1 / dr.width(loss))
+        backward(loss, dr.repeat(counts, self.n) / (self.n_materials * self.n))
         gradient = self._narrow_gradient(flat, narrow, wide)
         return dr.block_sum(dr.detach(loss), self.n), gradient, columns.pack(dr.grad(logs))
 

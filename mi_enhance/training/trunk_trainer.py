@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameter_space
-from ..neural.enhance import first_latent
+from ..neural.enhance import FIRST_ASYMMETRY, first_latent
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.trunk import Trunk
 from ..numerics.schedules import cosine_decay
@@ -18,10 +18,12 @@ from .trainer import _WARM_UP, Trainer
 from .training_set import TrainingSet
 from .trunk_gradient import TrunkGradient
 
-# At 0 the features that tell viewer from light have no effect, and so no gradient: it starts a little away.
-_ASYMMETRY = 0.3
 # Of the mean square of the numbers of a read-out: holds those that the samples of a material say nothing about.
 _RIDGE = 1e-4
+# A material counts by 1 / sqrt(analytic loss), this at least: a near-mirror, whose peak is off by a factor, would drown
+# the others, and what the analytic model meets already has nothing to teach.
+_LEAST_LOSS = 3e-3
+_FIRST = 8  # batches that tell the analytic loss
 
 
 class TrunkTrainer(Trainer):
@@ -38,9 +40,10 @@ class TrunkTrainer(Trainer):
         names = [p.name for p in brdf.parameters for _ in range(p.size)]
         start = start.copy()
         start[:, [k for k, name in enumerate(names) if name == "latent"]] = first_latent(brdf, start)
-        start[:, names.index("asymmetry")] = _ASYMMETRY
+        start[:, names.index("asymmetry")] = FIRST_ASYMMETRY
         super().__init__(brdf, samples, settings, start[:, :n])
         self._gradient = TrunkGradient(brdf, self.n_materials, settings.batch, self.trainable)
+        self._counts: mi.Float | None = None
         self.optimizer["read_out"] = dr.zeros(mi.Float, self.n_materials * trunk.size)
 
     def _space_of(self, brdf: EnhancedBRDF) -> parameter_space.Space:
@@ -49,11 +52,25 @@ class TrunkTrainer(Trainer):
     def _read_outs(self) -> np.ndarray:
         return np.array(dr.detach(self.optimizer["read_out"])).reshape(self.n_materials, -1)
 
+    def _importance(self) -> mi.Float:
+        """Return how much every material counts, from its loss at the analytic start."""
+        if self._counts is None:
+            flat = self._start.T.ravel().astype(np.float32).tolist()
+            read, ones = np.zeros_like(self._read_outs()), dr.opaque(mi.Float, 1, self.n_materials)
+            losses: list = []
+            for step in range(_FIRST):
+                weights, index = mi.Float(dr.detach(self.optimizer["weights"])), self._indices(step)
+                losses.append(self._gradient(weights, mi.Float(flat), read, self._data, index, ones)[0])
+            count = np.maximum(np.mean(losses, 0), _LEAST_LOSS) ** -0.5
+            self._counts = mi.Float((count / count.mean()).tolist())
+            self.trainable.take()
+        return self._counts
+
     def advance(self) -> np.ndarray:
         """Take one step and return the loss of every material before it."""
         weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
         read = self._read_outs()
-        loss, params, read_gradient = self._gradient(weights, flat, read, self._data, self._indices())
+        loss, params, read_gradient = self._gradient(weights, flat, read, self._data, self._indices(self.step), self._importance())
         read_gradient = read_gradient + (2 * _RIDGE / read.size) * read
         steps = self.settings.steps
         fall = cosine_decay(self.step, steps, warm_up=min(_WARM_UP, max(1, steps // 4)))
