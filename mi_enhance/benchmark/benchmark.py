@@ -1,7 +1,8 @@
 """Error against run time: a table, a Pareto plot and a page of every model of some measured materials.
 
-Errors are those of unseen samples and of a render beside the measured file; times are medians of interleaved runs, as
-ratios to plain GGX of this package: a plugin in Python like ours, without networks.
+Errors are those of unseen samples and, where all files can be rendered (RGL), of a render beside the measured file;
+times are medians of interleaved runs, as ratios to plain GGX of this package: a plugin in Python like ours, without
+networks.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..data.loading import load
+from ..data.loading import kind_of, load
+from ..data.measurements import Measurements, split
 from ..evaluation import scenes
-from ..evaluation.truth import rgl_file
+from ..evaluation.truth import rendered_truth
 from ..material.material import Material
 from ..output.table import write_table
 from ..system.files import material_name, replacing
@@ -91,6 +93,7 @@ def bench(
     n_samples: int = 100_000,
     seed: int = 0,
     model: Material | None = None,
+    material: str | None = None,
     progress: Callback = silent,
 ) -> BenchReport:
     """Measure error against run time of every model on measured materials.
@@ -98,7 +101,7 @@ def bench(
     Parameters
     ----------
     paths : sequence of str or Path
-        RGL ``.bsdf`` files. Errors are means over all of them; run times are those of the first.
+        Measured files of any kind. Errors are means over all of them; run times are those of the first.
     folder : str or Path
         Folder for ``bench.csv``, ``.json``, ``.md``, ``pareto.png``, ``index.html``, the pictures of each material and
         all fits; with the same settings an interrupted run goes on where it was.
@@ -111,6 +114,8 @@ def bench(
     seed : int
     model : Material, optional
         The enhanced model in the place of the shipped default, exact and specialized.
+    material : str, optional
+        Which one, in files that hold several.
     progress : callable
         Hears of every step before it begins, see :mod:`mi_enhance.system.progress`.
 
@@ -121,30 +126,33 @@ def bench(
     Raises
     ------
     ValueError
-        If no file is given, one is no RGL file, two materials have one name, `model` has no networks, or `folder` holds
+        If no file is given, one cannot be read, two materials have one name, `model` has no networks, or `folder` holds
         a run with other settings.
 
     Examples
     --------
     >>> bench(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], "out/bench").rows  # doctest: +SKIP
     """
-    names = [material_name(path) for path in paths]
+    names = [material or material_name(path) for path in paths]
     if not names or len(set(names)) < len(names):
         raise ValueError(f"bench(): materials {names} must be at least one and all different. Rename a file.")
-    files = [rgl_file(path, "bench()") for path in paths]
+    truths = [rendered_truth(path, "bench()") for path in paths]
+    if not all(truths):  # a row is one model on all files
+        truths = [None] * len(truths)
     folder = Path(folder)
     if model and not model.brdf.networks:
         raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
     settings = settings_of_fits(model, n_samples, seed)
+    if material:
+        settings["material"] = material
     keep_settings(folder / "settings.json", settings, "bench()")
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
     size = {"resolution": resolution, "spp": spp}
     fitted: list[dict[str, Contender]] = []
     errors: list[dict[str, dict]] = []
-    for name, path in zip(names, files, strict=True):
-        measured = load(path, n_samples=n_samples, seed=seed, kind="rgl")
-        fitted.append(contenders(path, measured, folder / name, model=model, seed=seed, progress=progress))
-        unseen = load(path, n_samples=_UNSEEN, seed=seed + 1, kind="rgl")
+    for name, path, truth in zip(names, paths, truths, strict=True):
+        measured, unseen = _samples(path, n_samples, seed, material)
+        fitted.append(contenders(truth, measured, folder / name, model=model, seed=seed, progress=progress))
         bsdfs = functools.partial(lambda models: {label: c.bsdf() for label, c in models.items()}, fitted[-1])
         errors.append(
             rendered_errors(list(fitted[-1]), bsdfs, unseen, folder / name, **size, seed=seed, progress=progress)
@@ -163,6 +171,15 @@ def bench(
     for label, c in fitted[0].items():
         by_label[label] |= first_frames((frame, scenes.shader_ball, c), resolution=128, spp=1)
     return _write(folder, about, names, rows, growing)
+
+
+def _samples(path: str | Path, n: int, seed: int, material: str | None) -> tuple[Measurements, Measurements]:
+    """Return samples to fit to, and others to measure errors on; of a table a fifth of its rows is kept aside."""
+    if kind_of(path) == "table":
+        measured = load(path, n_samples=n, seed=seed)
+        return split(measured, min(_UNSEEN, len(measured.f) // 5), seed)
+    pair = [load(path, n_samples=m, seed=seed + k, material=material) for k, m in enumerate((n, _UNSEEN))]
+    return pair[0], pair[1]
 
 
 def _row(label: str, fitted: list[Contender], errors: list[dict]) -> dict:

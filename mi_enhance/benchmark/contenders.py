@@ -51,7 +51,7 @@ class Contender(NamedTuple):
 
 
 def contenders(
-    path: Path,
+    truth: dict | None,
     measurements: Measurements,
     folder: Path,
     *,
@@ -64,8 +64,8 @@ def contenders(
 
     Parameters
     ----------
-    path : Path
-        RGL ``.bsdf``, which Mitsuba's ``measured`` renders.
+    truth : dict, optional
+        The measured file as Mitsuba's ``measured`` renders it, if it can.
     measurements : Measurements
         Samples of it, which the models are fitted to.
     folder : Path
@@ -81,11 +81,11 @@ def contenders(
     Returns
     -------
     dict of str to Contender
-        The reference, plain GGX, first; ``measured``, the truth itself, last.
+        The reference, plain GGX, first; ``measured``, the truth itself if it can be rendered, last.
 
     Examples
     --------
-    >>> contenders(path, measurements, Path("out/bench"))  # doctest: +SKIP
+    >>> contenders(truth, measurements, Path("out/bench"))  # doctest: +SKIP
     """
     n_done = 0
 
@@ -148,10 +148,10 @@ def contenders(
         f"{_PAPER}, cooperative": lambda: _ours(network(_NETWORKS[_PAPER]), evaluators="cooperative"),
         NBRDF: trained_nbrdf,
         "GGX and a residual network": residual,
-        "measured": lambda: Contender(
-            _load, {"type": "measured", "filename": str(path)}, path.stat().st_size, 0, 0, None
-        ),
     }
+    if truth:
+        size_of_file = Path(truth["filename"]).stat().st_size
+        recipes["measured"] = lambda: Contender(_load, truth, size_of_file, 0, 0, None)
     return {label: make() for label, make in recipes.items() if only is None or label in only}
 
 

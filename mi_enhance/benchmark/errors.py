@@ -37,7 +37,7 @@ def rendered_errors(
     Parameters
     ----------
     labels : sequence of str
-        All models, the truth (`TRUTH`) among them.
+        All models, and the truth (`TRUTH`) if it can be rendered; without it renders have no errors.
     bsdfs : callable
         Makes their BSDFs.
     unseen : Measurements
@@ -54,13 +54,13 @@ def rendered_errors(
 
     def compute() -> dict[str, dict]:
         models = dict(bsdfs())
-        truth = models.pop(TRUTH)
+        truth = models.pop(TRUTH, None)
         rows = compare(
             truth, models, folder, resolution=resolution, spp=spp, seed=seed, title=unseen.name, progress=progress
         )
         keys = ("ssim", "delta_E_ITP_1000", "mean_abs_log")
-        result = {row["label"]: {k: row[k] for k in keys} for row in rows}
-        for label, bsdf in {**models, TRUTH: truth}.items():
+        result = {row["label"]: {k: row[k] for k in keys if k in row} for row in rows}
+        for label, bsdf in {**models, **({TRUTH: truth} if truth else {})}.items():
             f = np.maximum(reflectance(bsdf, unseen.wi, unseen.wo), 0)  # files hold negative values
             result[label]["log_l1"] = log_l1(f, unseen.f, unseen.wo[:, 2])
         return result

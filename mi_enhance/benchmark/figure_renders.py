@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..data.loading import load
-from ..evaluation.truth import rgl_file
+from ..evaluation.truth import rendered_truth
 from ..material.material import Material
 from ..output.figure import sheet
 from ..system.files import material_name, replacing
@@ -61,12 +61,12 @@ def renders(
     """
     rows = []
     for path in paths:
-        file, name = rgl_file(path, f"figure {number}"), material_name(path)
+        truth, name = shown_file(path, number), material_name(path)
         fits = folder / "fits" / name
-        measured = load(file, n_samples=n_samples, seed=seed, kind="rgl")
-        unseen = load(file, n_samples=UNSEEN, seed=seed + 1, kind="rgl")
+        measured = load(path, n_samples=n_samples, seed=seed)
+        unseen = load(path, n_samples=UNSEEN, seed=seed + 1)
         only = (*LABELS[number], TRUTH)
-        fitted = contenders(file, measured, fits, model=model, only=only, seed=seed, progress=progress)
+        fitted = contenders(truth, measured, fits, model=model, only=only, seed=seed, progress=progress)
         # in the order of the figure
         by_name = {NAMES.get(label, label): fitted[label] for label in only}
 
@@ -90,6 +90,14 @@ def renders(
     else:
         stack([folder / f"renders_{number}" / material_name(path) / "comparison.png" for path in paths], picture)
     return rows
+
+
+def shown_file(path: str | Path, number: int) -> dict:
+    """Return the BSDF of a measured file that a figure shows; a ValueError if Mitsuba cannot render it."""
+    truth = rendered_truth(path, f"figure {number}")
+    if truth is None:
+        raise ValueError(f'figure {number}: "{path}" is no RGL file. The truth must be one that renders.')
+    return truth
 
 
 def stack(pictures: Sequence[Path], path: Path) -> None:

@@ -12,7 +12,6 @@ from ..data.directions import MIN_COS, direction
 from ..data.loading import load
 from ..data.measurements import Measurements
 from ..evaluation.reflectance import reflectance
-from ..evaluation.truth import rgl_file
 from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..output.figure import sheet
@@ -21,7 +20,7 @@ from ..system.files import material_name
 from ..system.progress import Callback, silent
 from .contenders import EXACT, NBRDF, contenders
 from .errors import TRUTH
-from .figure_renders import NAMES, UNSEEN
+from .figure_renders import NAMES, UNSEEN, shown_file
 from .odd_samples import retro_reflective
 
 _SIZE = 256  # pixels on a side
@@ -51,21 +50,21 @@ def slices(
         One row for each column and model: ``samples``, ``material``, ``label``, ``log_l1`` over all directions.
     """
 
-    def all_angles(path: Path, n: int, seed: int) -> Measurements:
-        return load(path, n_samples=n, seed=seed, kind="rgl")
+    def all_angles(path: str | Path, n: int, seed: int) -> Measurements:
+        return load(path, n_samples=n, seed=seed)
 
-    kinds: dict[str, Callable[[Path, int, int], Measurements]]
+    kinds: dict[str, Callable[[str | Path, int, int], Measurements]]
     kinds = {"all angles": all_angles, "retro-reflective only": retro_reflective}
     rows, columns = [], []
     labels = {label: NAMES.get(label, label) for label in (TRUTH, EXACT, NBRDF)}
     for kind, draw in kinds.items():
         for path in paths:
-            file, name = rgl_file(path, "figure 7"), material_name(path)
+            truth, name = shown_file(path, 7), material_name(path)
             own = folder / "fits" / (name if kind == "all angles" else f"{name}_retro")
             fitted = contenders(
-                file, draw(file, n_samples, seed), own, model=model, only=labels, seed=seed, progress=progress
+                truth, draw(path, n_samples, seed), own, model=model, only=labels, seed=seed, progress=progress
             )
-            unseen = load(file, n_samples=UNSEEN, seed=seed + 1, kind="rgl")
+            unseen = load(path, n_samples=UNSEEN, seed=seed + 1)
             column = {}
             for label, text in labels.items():
                 bsdf = fitted[label].bsdf()

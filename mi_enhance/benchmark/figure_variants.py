@@ -10,7 +10,6 @@ import mitsuba as mi
 
 from ..data.loading import load
 from ..data.measurements import Measurements
-from ..evaluation.truth import rgl_file
 from ..fitting.fit import fit
 from ..material.material import Material
 from ..output.figure import sheet
@@ -19,7 +18,7 @@ from ..system.progress import Callback, Progress, silent
 from . import variants
 from .contenders import REFERENCE, contenders
 from .errors import TRUTH, rendered_errors
-from .figure_renders import NAMES, UNSEEN, stack
+from .figure_renders import NAMES, UNSEEN, shown_file, stack
 
 LABELS = {
     8: (variants.ENHANCED, *variants.RESIDUALS, variants.ALL),
@@ -61,14 +60,14 @@ def fitted_variants(
     trained = _trained(LABELS[number], folder, steps, scale, seed, progress)
     rows: list[dict] = []
     for path in paths:
-        file, name = rgl_file(path, f"figure {number}"), material_name(path)
-        measured = load(file, n_samples=n_samples, seed=seed, kind="rgl")
-        unseen = load(file, n_samples=UNSEEN, seed=seed + 1, kind="rgl")
+        truth, name = shown_file(path, number), material_name(path)
+        measured = load(path, n_samples=n_samples, seed=seed)
+        unseen = load(path, n_samples=UNSEEN, seed=seed + 1)
         shown = {_SHOWN.get(v.label, v.label): v for v in trained}
 
-        def bsdfs(file: Path = file, measured: Measurements = measured, shown: dict = shown) -> dict[str, mi.BSDF]:
-            own = folder / "fits" / material_name(file)
-            ggx = contenders(file, measured, own, only=(REFERENCE, TRUTH), seed=seed, progress=progress)
+        def bsdfs(truth: dict = truth, measured: Measurements = measured, shown: dict = shown) -> dict[str, mi.BSDF]:
+            own = folder / "fits" / measured.name
+            ggx = contenders(truth, measured, own, only=(REFERENCE, TRUTH), seed=seed, progress=progress)
             lobe = Material.load(ggx[REFERENCE].spec["filename"])
             result = {NAMES[REFERENCE]: lobe.bsdf()}
             for k, (label, variant) in enumerate(shown.items()):
