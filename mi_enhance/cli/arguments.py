@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..material.material import Material
 
 Subparsers = Any  # argparse has no public name for what add_subparsers() returns
+MEASURED = "MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz"
 OUTPUT_RULE = (
     "A file to be written is always named with -o. A folder is out/COMMAND unless -o names another. "
     "show and check write nothing unless -o is given. No command writes over one of its inputs."
@@ -52,7 +53,11 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
 
 
 def add_measurements(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("data", metavar="DATA", help="MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz")
+    parser.add_argument("data", metavar="DATA", help=MEASURED)
+    add_material(parser)
+
+
+def add_material(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", help="which material, in a file that holds several")
 
 

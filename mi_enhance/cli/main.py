@@ -19,6 +19,7 @@ from . import (
     convert,
     demo,
     doctor,
+    figure,
     fit,
     fit_images,
     render,
@@ -30,7 +31,22 @@ from . import (
 )
 from .arguments import OUTPUT_RULE
 
-_COMMANDS = (doctor, demo, fit, fit_images, render, show, check, specialize, convert, train, search, compare, bench)
+_COMMANDS = (
+    doctor,
+    demo,
+    fit,
+    fit_images,
+    render,
+    show,
+    check,
+    specialize,
+    convert,
+    train,
+    search,
+    compare,
+    bench,
+    figure,
+)
 _OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
 
 

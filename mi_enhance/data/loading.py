@@ -77,6 +77,18 @@ def load(
     return found.read(path, n_samples=n_samples, seed=seed)
 
 
+def kind_of(path: str | Path) -> str:
+    """Return the kind of a measured file, the name of its reader.
+
+    Examples
+    --------
+    >>> kind_of("mi_enhance/bundled/nbrdf/merl.npz")
+    'nbrdf'
+    """
+    where = f'data.kind_of("{path}")'
+    return _recognized(files.require_file(path, where), where).kind
+
+
 def names(path: str | Path) -> list[str]:
     """List the materials in a file: all of a collection (NBRDF, NPs), else the one name taken from the file name.
 
