@@ -58,7 +58,10 @@ def add_measurements(parser: argparse.ArgumentParser) -> None:
 
 def add_model(parser: argparse.ArgumentParser, help: str | None = None, default: str | None = DEFAULT_NETWORK) -> None:
     """``-m/--model``; ``--network`` is its name in version 0.1."""
-    text = f"what is fitted: a .bsdf file, the name of a shipped network (default: {DEFAULT_NETWORK}), a model .toml, or the name of an analytic model without network (ggx_retro)"
+    text = (
+        f"what is fitted: a .bsdf file, the name of a shipped network (default: {DEFAULT_NETWORK}) or of an analytic "
+        "model that has none (ggx_retro), or a model .toml"
+    )
     parser.add_argument("-m", "--model", default=default, help=help or text)
     parser.add_argument("--network", dest="model", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
