@@ -39,7 +39,7 @@ class TrunkObjective(Objective):
             leaves, record, above, units = self._units(u)
             phi = self._matrix(columns.pack(units), len(units))
             logs = self._logs(u, phi)
-            return self._residual(self.brdf.model.graph.replace(self.brdf.read(logs))(record) & above)
+            return self._residual(self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record) & above)
 
     def normal_equations(self, u: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See :meth:`Objective.normal_equations`."""
@@ -48,7 +48,7 @@ class TrunkObjective(Objective):
         phi = self._matrix(columns.pack(units), len(units))
         logs = self._logs(u, phi)
         dr.enable_grad(logs)
-        r = self._residual(self.brdf.model.graph.replace(self.brdf.read(logs))(record) & above)
+        r = self._residual(self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record) & above)
         by_channel = [logs[c :: trunk.channels] if trunk.channels == 3 else logs for c in range(3)]
         rows = []
         for c in range(3):
@@ -124,8 +124,3 @@ def _accumulate(h, g, index, direct, slopes, phi, value, epsilon) -> float:
         g[index] += product[:-1, -1]
         total += float(smooth.sum())
     return total
-
-
-def objective_of(brdf: EnhancedBRDF, wi, wo, f, n: int) -> Objective:
-    """Return the loss of a BRDF, of the kind that its networks ask for; arguments as :class:`Objective`."""
-    return (TrunkObjective if brdf.trunk else Objective)(brdf, wi, wo, f, n)

@@ -23,6 +23,8 @@ from .inputs import (
 )
 from .trunk import Trunk
 
+FIRST_ASYMMETRY = 0.3  # of a trunk
+
 
 def enhance(
     model: Model | str,
@@ -188,3 +190,16 @@ def first_latent(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
     for k, v in enumerate(shape[: brdf.n_latent]):
         result[:, k] = np.array(v)
     return result
+
+
+def trunk_start(brdf: EnhancedBRDF, values: np.ndarray, reciprocal: bool = False) -> np.ndarray:
+    """Return parameters (P,) from which a fit with a trunk starts: those of `values`, and the networks' own.
+
+    At 0 the features that tell viewer from light would have no effect, and so no gradient: unless the result shall be
+    `reciprocal`, ``asymmetry`` starts a little away.
+    """
+    names = np.array([p.name for p in brdf.parameters for _ in range(p.size)])
+    values = values.copy()
+    values[names == "latent"] = first_latent(brdf, values[None])[0]
+    values[names == "asymmetry"] = 0.0 if reciprocal else FIRST_ASYMMETRY
+    return values

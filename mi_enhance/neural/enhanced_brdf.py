@@ -61,7 +61,8 @@ class EnhancedBRDF:
     def parameters(self) -> tuple[parameters.Parameter, ...]:
         """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``read_out``, ``norm_B``..."""
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
-        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.networks else ()
+        networks = self.networks or self.distilled
+        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and networks else ()
         latent: tuple[parameters.Parameter, ...] = (parameters.latent(self.n_latent),) if reads_latent else ()
         if self.trunk:
             latent += (parameters.read_out(self.trunk.size),)
@@ -84,9 +85,14 @@ class EnhancedBRDF:
         """Networks that are evaluated, i.e. not replaced by a distilled one."""
         covered = {slot for c in self.distilled for name in c.slots for slot in self.model.graph.find(name).slots}
         result = {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
-        if self.trunk and not covered.issuperset(self.trunk.slots):
+        if self.trunk and set(self.read_slots) - covered:
             result[NAME] = self.trunk.mlp
         return result
+
+    @property
+    def read_slots(self) -> tuple[str, ...]:
+        """Slots of the trunk that the model still has: :mod:`mi_enhance.neural.simplify` may have left some out."""
+        return tuple(slot for slot in self.trunk.slots if slot in self.model.graph.slots) if self.trunk else ()
 
     @property
     def read_by_modules(self) -> tuple[str, ...]:
@@ -112,7 +118,7 @@ class EnhancedBRDF:
 
     @property
     def _slots(self) -> tuple[str, ...]:
-        return (*self.modules, *(self.trunk.slots if self.trunk else ()))
+        return (*self.modules, *self.read_slots)
 
     @property
     def multiply_adds(self) -> int:
@@ -221,7 +227,7 @@ class EnhancedBRDF:
         quantities, active = geometry.local_quantities(wi, wo, params)
         record = {**quantities, **params}
         graph = self.model.graph
-        if self.networks:
+        if self.networks or self.distilled:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
             graph = graph.replace(self.replacements(record, wi, wo, evaluators, folded))
@@ -252,8 +258,13 @@ class EnhancedBRDF:
         x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
         functions = {slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots}
         if self.trunk and NAME in self.evaluated:
-            functions |= self.read(read_out(self.units(record, wi, wo, evaluators, folded), record["read_out"]))
+            units = self.units(record, wi, wo, evaluators, folded)
+            numbers = [v for slot in self.read_slots for v in record["read_out"][self.trunk.numbers_of(slot)]]
+            functions |= self.scaled(self.read_slots, read_out(units, numbers))
         for c in self.distilled:
+            if c.channels == 3:
+                functions |= self.scaled(c.slots, c(record))
+                continue
             values = [_exp(y, limits.get(slot, MAX_LOG)) for slot, y in zip(c.slots, c(record), strict=True)]
             functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
         return functions
@@ -261,18 +272,19 @@ class EnhancedBRDF:
     def units(self, record: Mapping, wi: Any, wo: Any, evaluators: Evaluators, folded: Mapping) -> list[mi.Float]:
         """Return the units of the trunk before the leaky ReLU; arguments as :meth:`replacements`."""
         trunk = cast(Trunk, self.trunk)
-        node = self.model.graph.find(trunk.slots[0])
+        node = self.model.graph.find(self.read_slots[0])
         x = of_directions(record, self.inputs, wi, wo, [node])[node.name]
         return evaluators[NAME](x, folded[NAME])
 
-    def read(self, y: Sequence[mi.Float]) -> dict[str, Callable]:
-        """Return the functions that replace the slots of the trunk, for the logarithms `y` of their factors."""
-        trunk, functions = cast(Trunk, self.trunk), {}
-        for slot, logs in trunk.by_slot(y).items():
-            factor = [_exp(v, MAX_LOG) for v in logs]
-            value = factor[0] if len(factor) == 1 else mi.Color3f(*factor)
-            # The factor scales the term in its slot: f stays linear in the colours.
-            functions[slot] = lambda record, node=self.model.graph.find(slot), value=value: node(record) * value
+    def scaled(self, slots: Sequence[str], y: Sequence[mi.Float]) -> dict[str, Callable]:
+        """Return the functions that scale the terms in some slots by exp(y): one number for each, or one per channel."""
+        n, functions = len(y) // len(slots), {}
+        for k, slot in enumerate(slots):
+            factor = [_exp(v, MAX_LOG) for v in y[k * n : (k + 1) * n]]
+            # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
+            functions[slot] = lambda record, node=self.model.graph.find(slot), factor=factor: node(record) * _colour(
+                factor, record
+            )
         return functions
 
     def _max_logs(self) -> dict[str, float]:
@@ -303,13 +315,20 @@ class EnhancedBRDF:
         def term(record):
             values = evaluator(x, bias) if mlp.varies else bias
             out = [_exp(y + record[name] if name in record else y, limit) for y in values]
-            return out[0] if len(out) == 1 else mi.Color3f(*out)
+            return _colour(out, record)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:
             # Colours are no inputs: such a module scales the term in its slot, and f stays linear in its colour.
             node = self.model.graph.find(slot)
             return lambda record: node(record) * term(record)
         return term
+
+
+def _colour(v: Sequence[mi.Float], record: Mapping) -> Any:
+    """Return one number, or three as a colour: RGB, or what the record's ``of_rgb`` makes of it for a renderer."""
+    if len(v) == 1:
+        return v[0]
+    return record["of_rgb"](mi.Color3f(*v)) if "of_rgb" in record else mi.Color3f(*v)
 
 
 def _exp(y, limit: float):

@@ -65,13 +65,14 @@ class Trunk:
         sizes = (self.mlp.sizes[0] - self.mlp.n_folded, *self.mlp.sizes[1:], self.n_outputs)
         return sum(a * b for a, b in zip(sizes, sizes[1:], strict=False))
 
+    def numbers_of(self, slot: str) -> slice:
+        """Return the place of the numbers of a slot in the read-out."""
+        n = self.channels * (self.n_units + 1)
+        return slice(n * self.slots.index(slot), n * (self.slots.index(slot) + 1))
+
     def describe(self) -> dict:
         """Return all but the weights, as JSON."""
         return {"slots": list(self.slots), "hidden": list(self.mlp.sizes[1:]), "channels": self.channels}
-
-    def by_slot(self, y: Sequence[Any]) -> dict[str, list]:
-        """Return the logarithms of the factors, `channels` for each slot, from all outputs."""
-        return {slot: list(y[k * self.channels : (k + 1) * self.channels]) for k, slot in enumerate(self.slots)}
 
     def matrix(self, read_out: np.ndarray) -> np.ndarray:
         """Return read-outs (..., size) as matrices (..., outputs, K + 1); the last column is the constant."""

@@ -127,7 +127,7 @@ class TrunkGradient:
         logs = columns.unpack(y, self.trunk.n_outputs)
         dr.enable_grad(logs)
         q, above = geometry.local_quantities(wi, wo, params)
-        value = self.brdf.model.graph.replace(self.brdf.read(logs))({**q, **params}) & above
+        value = self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))({**q, **params}) & above
         loss: Any = 0
         for truth, v in zip(f, value, strict=True):
             loss += dr.abs(compressed(truth, wo.z) - compressed(v, wo.z)) / 3

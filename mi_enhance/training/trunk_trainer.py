@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameter_space
-from ..neural.enhance import first_latent
+from ..neural.enhance import FIRST_ASYMMETRY, first_latent
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.trunk import Trunk
 from ..numerics.schedules import cosine_decay
@@ -18,8 +18,6 @@ from .trainer import _WARM_UP, Trainer
 from .training_set import TrainingSet
 from .trunk_gradient import TrunkGradient
 
-# At 0 the features that tell viewer from light have no effect, and so no gradient: it starts a little away.
-_ASYMMETRY = 0.3
 # Of the mean square of the numbers of a read-out: holds those that the samples of a material say nothing about.
 _RIDGE = 1e-4
 # A material counts by 1 / sqrt(analytic loss), this at least: a near-mirror, whose peak is off by a factor, would drown
@@ -42,7 +40,7 @@ class TrunkTrainer(Trainer):
         names = [p.name for p in brdf.parameters for _ in range(p.size)]
         start = start.copy()
         start[:, [k for k, name in enumerate(names) if name == "latent"]] = first_latent(brdf, start)
-        start[:, names.index("asymmetry")] = _ASYMMETRY
+        start[:, names.index("asymmetry")] = FIRST_ASYMMETRY
         super().__init__(brdf, samples, settings, start[:, :n])
         self._gradient = TrunkGradient(brdf, self.n_materials, settings.batch, self.trainable)
         self._counts: mi.Float | None = None
