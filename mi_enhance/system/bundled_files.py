@@ -80,3 +80,14 @@ def network_file(name: str) -> Path:
         If there is no such network; the message lists those there are.
     """
     return _find(_PACKAGE / "networks", f"{name}.bsdf", "network_file()")
+
+
+def network_exists(name: str) -> bool:
+    """Tell whether a network of that name comes with the package.
+
+    Examples
+    --------
+    >>> network_exists("ggx"), network_exists("ggx_retro")
+    (True, False)
+    """
+    return (_PACKAGE / "networks" / f"{name}.bsdf").is_file()
