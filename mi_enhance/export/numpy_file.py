@@ -73,6 +73,13 @@ def _begin(a, b, edits):
     return xp, a.T, b.T, weights, _prepare(xp, weights, p)
 
 
+def prepare(**parameters):
+    """Return what the shaders of this material hold in k for these parameters, (n, 4) float32: uniforms."""
+    origin = np.zeros((1, 3), np.float32)
+    k = _begin(origin, origin, parameters)[-1][:, 0]
+    return np.pad(k, (0, -len(k) % 4)).reshape(-1, 4)
+
+
 def _like(x, v):
     """Return `v` as an array of the kind of `x`."""
     if isinstance(x, np.ndarray):

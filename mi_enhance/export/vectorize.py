@@ -160,7 +160,8 @@ class Vectorizer:
                 parts.append(self._whole(pack))
                 k += n
             else:
-                parts.append(self.scalar(lanes[k]))
+                constant = lanes[k].op == "constant"
+                parts.append(self._make("column", _numbers(lanes[k : k + 1])) if constant else self.scalar(lanes[k]))
                 k += 1
         return parts
 
