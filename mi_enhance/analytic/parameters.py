@@ -55,7 +55,7 @@ class Parameter:
 
     @property
     def is_neural(self) -> bool:
-        """True for ``latent`` and ``asymmetry``, which only modules read."""
+        """True for ``latent``, ``read_out`` and ``asymmetry``, which only networks read."""
         return self.kind == "latent" or self.name == ASYMMETRY.name
 
 
@@ -98,6 +98,14 @@ def latent(n: int) -> Parameter:
     The range only keeps a fit from running away along a direction the data says nothing about.
     """
     return Parameter("latent", n, -16.0, 16.0, 0.5, kind="latent")
+
+
+def read_out(n: int) -> Parameter:
+    """Return the weights of the material's own by which it reads out a shared trunk: `n` numbers, 0 at the start.
+
+    The range only keeps a fit from running away along a direction the data says nothing about.
+    """
+    return Parameter("read_out", n, -MAX_LOG, MAX_LOG, 0.0, kind="latent")
 
 
 def norm(slot: str) -> Parameter:

@@ -140,10 +140,10 @@ def bench(
     folder = Path(folder)
     settings: dict[str, Any] = {"samples": n_samples, "seed": seed}
     if model:
-        if not model.brdf.modules:
+        if not model.brdf.networks:
             raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
         # of the default nothing is noted: so earlier runs go on
-        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.modules), model.as_vector())
+        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.networks), model.as_vector())
     keep_settings(folder / "settings.json", settings, "bench()")
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
     fitted: list[dict[str, Contender]] = []

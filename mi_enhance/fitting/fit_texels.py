@@ -128,7 +128,7 @@ def fit_texels(
         analytic, lambda index: np.tile(starts, (len(index), 1, 1)), _ANALYTIC, "analytic", progress=progress
     )
     loss, known = loss_analytic, None
-    if brdf.modules:
+    if brdf.networks:
         space = parameter_space.Space(brdf.parameters)
         initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
         u = np.concatenate([u, np.tile(space.to_free(initial)[u.shape[1] :], (len(u), 1))], axis=1)

@@ -48,6 +48,9 @@ class Material(OldNames):
     bound_energy : bool
         Hold the directional albedo at 1 or below, whatever the parameters are edited to, see
         :mod:`mi_enhance.sampling.energy_bound`.
+    exact : dict of str to array, optional
+        Parameters before the material got a network of its own, whose training moves them: :attr:`unspecialized` has
+        them.
 
     Examples
     --------
@@ -63,6 +66,7 @@ class Material(OldNames):
     lobe_albedo: float = 0.1
     bound_energy: bool = False
     mixture: Mixture | None = None
+    exact: dict | None = None
 
     def __post_init__(self):
         values = {**parameters.initial(self.brdf.parameters), **self.params}
@@ -108,7 +112,8 @@ class Material(OldNames):
             For an unknown name, a wrong length or a value out of range.
         """
         changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
-        return dataclasses.replace(self, params=changed)
+        exact = {**self.exact, **{name: changed[name] for name in values}} if self.exact else None
+        return dataclasses.replace(self, params=changed, exact=exact)
 
     def bounded(self) -> Material:
         """A copy whose directional albedo is at most 1 for every view, also when it is edited.
@@ -124,7 +129,8 @@ class Material(OldNames):
     def unspecialized(self) -> Material:
         """The material that a specialized one was made from; the same if it is not specialized."""
         report = {key: value for key, value in self.report.items() if key not in SpecializeReport.__annotations__}
-        return dataclasses.replace(self, brdf=dataclasses.replace(self.brdf, distilled=()), report=report)
+        brdf = dataclasses.replace(self.brdf, distilled=())
+        return dataclasses.replace(self, brdf=brdf, params=self.exact or self.params, exact=None, report=report)
 
     def show(self) -> str:
         """A text: equation, parameters, report."""
@@ -200,7 +206,7 @@ class Material(OldNames):
         view, light = _directions(wi, wo)
         params = self.as_drjit()
         dr.make_opaque(params)  # data: all materials of one network share a kernel
-        f = self.brdf(view, light, params, fused(self.brdf.modules))
+        f = self.brdf(view, light, params, fused(self.brdf.networks))
         if self.bound_energy:
             bound = energy_bound.table(self.brdf, params, self.lobe_albedo)
             f = energy_bound.bounded(f, bound, view, light, params)

@@ -176,7 +176,7 @@ def _digest(material: Material) -> str:
     text = json.dumps(
         [brdf.model.name, brdf.model.text, str(brdf), brdf.inputs, [[p.name, p.size] for p in brdf.parameters]]
     )
-    return digest(text.encode(), mlp.flatten(brdf.modules).tobytes())
+    return digest(text.encode(), mlp.flatten(brdf.networks).tobytes())
 
 
 def _checked(material: Material, maps: Mapping, where: str) -> dict[str, np.ndarray]:
