@@ -31,6 +31,7 @@ _PUBLIC = {
     "check": "evaluation.check",
     "compare": "evaluation.compare",
     "enhance": "neural.enhance",
+    "export_material": "export.registry",
     "fit": "fitting.fit",
     "fit_images": "images.fit_images",
     "fit_texels": "fitting.fit_texels",

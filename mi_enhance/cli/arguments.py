@@ -92,6 +92,12 @@ def add_define(parser: argparse.ArgumentParser, whose: str) -> None:
     )
 
 
+def add_edits(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set", dest="edits", type=edit, action="append", default=[], metavar="NAME=V[,V,V]", help="edit a parameter"
+    )
+
+
 def add_output_file(parser: argparse.ArgumentParser, metavar: str, text: str, *, required: bool = True) -> None:
     parser.add_argument("-o", "--output", metavar=metavar, required=required, help=text)
 
@@ -125,6 +131,15 @@ def pair(text: str) -> tuple[str, str]:
     if not (key and equals):
         raise argparse.ArgumentTypeError(f'"{text}" is not KEY=VALUE')
     return key, value
+
+
+def edit(text: str) -> tuple[str, float | tuple[float, ...]]:
+    name, value = pair(text)
+    try:
+        numbers = tuple(float(v) for v in value.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'"{text}": the values must be numbers, as in rho_d=0.2,0.1,0.0') from None
+    return name, numbers if len(numbers) > 1 else numbers[0]
 
 
 # ---------------------------------------------------------------------- what they stand for
