@@ -256,7 +256,9 @@ class EnhancedBRDF:
         slots = [slot for slot in self.evaluated if slot != NAME]
         nodes = [self.model.graph.find(slot) for slot in slots]
         x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
-        functions = {slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots}
+        functions = {
+            slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
+        }
         if self.trunk and NAME in self.evaluated:
             units = self.units(record, wi, wo, evaluators, folded)
             numbers = [v for slot in self.read_slots for v in record["read_out"][self.trunk.numbers_of(slot)]]
@@ -282,8 +284,8 @@ class EnhancedBRDF:
         for k, slot in enumerate(slots):
             factor = [_exp(v, MAX_LOG) for v in y[k * n : (k + 1) * n]]
             # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
-            functions[slot] = lambda record, node=self.model.graph.find(slot), factor=factor: node(record) * _colour(
-                factor, record
+            functions[slot] = lambda record, node=self.model.graph.find(slot), factor=factor: (
+                node(record) * _colour(factor, record)
             )
         return functions
 

@@ -190,4 +190,4 @@ def _material(material: Material, start: Material, problem: OwnProblem, u: np.nd
     brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs="shape")
     params = {p.name: values[p.name] if p.name in values else material.params[p.name] for p in brdf.parameters}
     exact = material.params if material.brdf.networks else None
-    return dataclasses.replace(material, brdf=brdf, params=params, exact=exact)
+    return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact)
