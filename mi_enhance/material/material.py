@@ -20,7 +20,7 @@ from ..neural.trainable import fused
 from ..numerics.arrays import vector3f
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
-from ..system.bundled_files import DEFAULT_NETWORK, network_file
+from ..system.bundled_files import DEFAULT_NETWORK, SURFACE_NETWORK, network_file
 from . import material_file
 from .old_names import OldNames
 from .reports import SpecializeReport
@@ -312,3 +312,17 @@ def load_material(path: str | Path) -> Material:
     >>> load_material("gold.bsdf")  # doctest: +SKIP
     """
     return Material.load(path)
+
+
+def refuse_trunk(material: Material, where: str) -> None:
+    """Raise unless the material has few numbers: those of a read-out are hundreds, for one material with many samples.
+
+    Examples
+    --------
+    >>> refuse_trunk(Material.analytic("ggx"), "example")
+    """
+    if material.brdf.trunk:
+        raise ValueError(
+            f"{where}: this network has {material.brdf.trunk.size} numbers of the material's own, more than a texel or "
+            f'photographs determine. Take one with few, such as Material.pretrained("{SURFACE_NETWORK}").'
+        )

@@ -89,7 +89,7 @@ class OwnProblem:
         """Return the bounds of the unknowns."""
         q = self.moving.shape[1]
         low, high = np.full(self.n_unknowns, -_LARGEST_WEIGHT), np.full(self.n_unknowns, _LARGEST_WEIGHT)
-        at = self.moving.argmax(0)
+        at = self.moving.argmax(0) if q else np.zeros(0, int)
         low[:q], high[:q] = (self.space.low - self.values)[at], (self.space.high - self.values)[at]
         return low, high
 
