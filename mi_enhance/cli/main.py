@@ -20,6 +20,7 @@ from . import (
     demo,
     doctor,
     export,
+    figure,
     fit,
     fit_images,
     plot,
@@ -48,6 +49,7 @@ _COMMANDS = (
     search,
     compare,
     bench,
+    figure,
 )
 _OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
 

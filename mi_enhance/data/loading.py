@@ -11,6 +11,8 @@ from ..system.messages import did_you_mean
 from .measurements import Measurements
 from .registry import Reader, readers
 
+_HEAD = 4096  # bytes by which a reader may know its files
+
 
 def load(
     path: str | Path,
@@ -25,7 +27,7 @@ def load(
     Parameters
     ----------
     path : str or Path
-        RGL ``.bsdf`` (RGB version), MERL ``.binary``, NBRDF or NPs ``.npz``, or a table: text or ``.npz``.
+        A file of any kind that :func:`mi_enhance.data.registry.readers` lists; docs/files.md says what each holds.
     n_samples : int
         Pairs of directions to draw (paper: 1e5), uniform in the Rusinkiewicz angles. A table gives its own pairs:
         all of them, or `n_samples` rows drawn without replacement where it has more (`source` says so).
@@ -33,8 +35,8 @@ def load(
         The same seed gives the same samples.
     material : str, optional
         Name of the material, for a file with several (see `names`).
-    kind : {"rgl", "merl", "nbrdf", "nps", "table"}, optional
-        The reader, where content and suffix should not decide.
+    kind : str, optional
+        The reader, such as ``"merl"`` or ``"utia"``, where content and suffix should not decide.
 
     Returns
     -------
@@ -120,10 +122,10 @@ def recognized(path: Path, where: str) -> Reader:
     Errors begin with `where`.
     """
     with open(path, "rb") as file:
-        head = file.read(12)
+        head = file.read(_HEAD)
     suffix = path.suffix.lower()
     for one in readers().values():
-        if one.magic and head.startswith(one.magic):
+        if (one.magic and head.startswith(one.magic)) or (one.knows is not None and one.knows(head)):
             return one
     if suffix == ".npz" or zipfile.is_zipfile(path):
         return _with_arrays(npz.keys(path, where), where)

@@ -37,7 +37,9 @@ class Reader:
     suffixes : tuple of str
         In lower case. They decide where the content says nothing.
     magic : bytes
-        How its files begin, at most 12 bytes; nothing if they have no such mark.
+        How its files begin; nothing if they have no such mark.
+    knows : callable, optional
+        ``knows(head) -> bool``, asked with the first 4 kB of a file where its beginning is not always the same.
     arrays : tuple of str
         What a ``.npz`` of this kind holds, at least.
     names : callable, optional
@@ -52,6 +54,7 @@ class Reader:
     read: Callable[..., Measurements]
     suffixes: tuple[str, ...] = ()
     magic: bytes = b""
+    knows: Callable[[bytes], bool] | None = None
     arrays: tuple[str, ...] = ()
     names: Callable[[str | Path], list[str]] | None = None
     function: Callable[..., Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None

@@ -73,6 +73,13 @@ def _begin(a, b, edits):
     return xp, a.T, b.T, weights, _prepare(xp, weights, p)
 
 
+def prepare(**parameters):
+    """Return what the shaders of this material hold in k for these parameters, (n, 4) float32: uniforms."""
+    origin = np.zeros((1, 3), np.float32)
+    k = _begin(origin, origin, parameters)[-1][:, 0]
+    return np.pad(k, (0, -len(k) % 4)).reshape(-1, 4)
+
+
 def _like(x, v):
     """Return `v` as an array of the kind of `x`."""
     if isinstance(x, np.ndarray):
@@ -159,11 +166,7 @@ class _Writer:
         prepared, head = self._program.prepared, "def _prepare(xp, W, p):"
         if not prepared:
             return f"{head}\n    return None"
-        inputs = {a.args[0]: a for a in in_order(prepared) if a.op == "input"}
-        colours = [q for q in self._program.parameters if q.size == 3]
-        vectors = {
-            f'p["{q.name}"]': [inputs[f"{q.name}.{axis}"] for axis in "xyz"] for q in colours if f"{q.name}.x" in inputs
-        }
+        vectors = {f'p["{name}"]': lanes for name, lanes in self._program.inputs.items() if len(lanes) > 1}
         vectorizer = Vectorizer(prepared, vectors, self._program.labels)
         lines, (text,) = self._body([vectorizer.joined(prepared)], vectorizer)
         return "\n".join([head, *lines, *wrapped(f"return {text}")])
@@ -171,9 +174,7 @@ class _Writer:
     def function(self, name: str) -> str:
         """Return a function of the directions."""
         function = self._program.functions[name]
-        given = self._inputs(function.outputs)
-        vectors: dict[str, Sequence[Value]] = {a: [v for v in given if v.args[0][:-2] == a] for a in function.inputs}
-        vectors["k"] = self._program.prepared
+        vectors = {**function.inputs, "k": self._program.prepared}
         vectorizer = Vectorizer(function.outputs, vectors, self._program.labels)
         if len(function.outputs) == 3:
             lines, (text,) = self._body([vectorizer.joined(function.outputs)], vectorizer)
@@ -184,10 +185,6 @@ class _Writer:
         begin = f"    xp, {arguments}, W, k = _begin({arguments}, parameters)"
         shown = "evaluate" if name == "eval" else name
         return "\n".join([f"def {shown}({arguments}, **parameters):", begin, *lines, *wrapped(f"return {text}")])
-
-    def _inputs(self, outputs: Sequence[Value]) -> list[Value]:
-        found = {v.args[0]: v for v in in_order(outputs) if v.op == "input" and v.varying}
-        return [found[name] for name in sorted(found)]
 
     def _body(self, outputs: list[Value], vectorizer: Vectorizer) -> tuple[list[str], list[str]]:
         order = in_order(outputs)

@@ -16,7 +16,7 @@ from ..material.material import Material
 from ..neural.simplify import simplify
 from ..sampling import energy_bound, importance, lobe_mixture
 from ..system.variants import require_variant
-from .recorder import Recorder, Table, Value, in_order
+from .recorder import NUMBERS, Recorder, Table, Value, in_order
 from .stand_ins import FUNCTIONS, Colour, Point2, Vector, constant, recording
 
 
@@ -26,13 +26,13 @@ class Function:
 
     Parameters
     ----------
-    inputs : dict of str to int
-        Names of its vectors and how many components each has.
+    inputs : dict of str to tuple of Value
+        Its vectors by name, component by component.
     outputs : tuple of Value
         The components of its result.
     """
 
-    inputs: Mapping[str, int]
+    inputs: Mapping[str, tuple[Value, ...]]
     outputs: tuple[Value, ...]
 
 
@@ -45,6 +45,8 @@ class Program:
     equation : str
     parameters : tuple of Parameter
         Those that may be edited; all others are constants.
+    inputs : dict of str to tuple of Value
+        The parameters as values, component by component.
     defaults : dict of str to array
         Their values.
     prepared : tuple of Value
@@ -57,6 +59,7 @@ class Program:
 
     equation: str
     parameters: tuple[Parameter, ...]
+    inputs: Mapping[str, tuple[Value, ...]]
     defaults: Mapping[str, np.ndarray]
     prepared: tuple[Value, ...]
     functions: Mapping[str, Function]
@@ -72,6 +75,29 @@ class Program:
         given = {v.number for v in self.prepared}
         order = in_order(self.functions[name].outputs, lambda v: v.number in given)
         return [v for v in order if v.number not in given and v.op not in ("constant", "input")]
+
+    def prepare(self, edits: Mapping[str, Sequence[float]] | None = None) -> np.ndarray:
+        """Return the numbers of :attr:`prepared`, float32, for the default parameters but for `edits`.
+
+        Examples
+        --------
+        >>> program = record(Material.analytic("ggx"))
+        >>> int((program.prepare() != program.prepare({"rho_d": (0.2, 0.1, 0)})).sum())
+        5
+        """
+        given: dict[str, Sequence[float] | np.ndarray] = {**self.defaults, **(edits or {})}
+        numbers: dict[int, Any] = {}
+        for v in in_order(self.prepared):
+            if v.op == "input":
+                name, _, axis = v.args[0].partition(".")
+                numbers[v.number] = np.float32(given[name]["xyz".index(axis) if axis else 0])
+            elif v.op == "constant":
+                numbers[v.number] = v.args[0]
+            elif v.op == "gather":
+                numbers[v.number] = np.float32(v.args[0][int(numbers[v.args[1].number])])
+            else:
+                numbers[v.number] = NUMBERS[v.op](*(numbers[a.number] for a in v.args))
+        return np.array([numbers[v.number] for v in self.prepared], np.float32)
 
     def values_of_parameters(self) -> list[Value]:
         """Return the values that are computed once, each after its operands."""
@@ -105,7 +131,8 @@ def record(material: Material, *, editable: bool = True) -> Program:
     closed = {name: v for name, v in material.params.items() if name not in names}
     brdf, left_out = simplify(material.brdf, closed)
     with recording() as recorder:
-        params = {p.name: _parameter(p, material, recorder, p.name in names) for p in brdf.parameters}
+        inputs = {p.name: _inputs(p, recorder) for p in open_parameters}
+        params = {p.name: _parameter(p, material, inputs.get(p.name)) for p in brdf.parameters}
         params = {name: v for name, v in params.items() if name not in left_out}
         for name, v in params.items():
             recorder.label(v, name)
@@ -127,13 +154,15 @@ def record(material: Material, *, editable: bool = True) -> Program:
         point: Any = Point2(u.y, u.z)
         drawn: Any = importance.sample(wi, params, shares, u.x, point, model)
         functions = {
-            "eval": Function({"wi": 3, "wo": 3}, tuple(select(above, f, 0))),
-            "pdf": Function({"wi": 3, "wo": 3}, (density,)),
-            "sample": Function({"wi": 3, "u": 3}, tuple(drawn)),
+            "eval": Function({"wi": tuple(wi), "wo": tuple(wo)}, tuple(select(above, f, 0))),
+            "pdf": Function({"wi": tuple(wi), "wo": tuple(wo)}, (density,)),
+            "sample": Function({"wi": tuple(wi), "u": tuple(u)}, tuple(drawn)),
         }
     outputs = [v for function in functions.values() for v in function.outputs]
     defaults = {p.name: material.params[p.name] for p in open_parameters}
-    return Program(str(material.brdf), open_parameters, defaults, _prepared(outputs), functions, recorder.labels)
+    return Program(
+        str(material.brdf), open_parameters, inputs, defaults, _prepared(outputs), functions, recorder.labels
+    )
 
 
 def _energy_table(material: Material) -> Any:
@@ -147,15 +176,18 @@ def _vector(name: str, recorder: Recorder) -> Any:
     return Vector(*(recorder.input(f"{name}.{axis}", varying=True) for axis in "xyz"))
 
 
-def _parameter(p: Parameter, material: Material, recorder: Recorder, is_open: bool):
-    """Return a parameter: inputs within their range, or constants."""
-    if is_open:
-        axes = [f".{axis}" for axis in "xyz"[: p.size]] if p.size > 1 else [""]
-        parts = [recorder.input(f"{p.name}{axis}", varying=False) for axis in axes]
-        parts = [FUNCTIONS["clip"](v, p.low, p.high) for v in parts]
+def _inputs(p: Parameter, recorder: Recorder) -> tuple[Value, ...]:
+    axes = [f".{axis}" for axis in "xyz"[: p.size]] if p.size > 1 else [""]
+    return tuple(recorder.input(f"{p.name}{axis}", varying=False) for axis in axes)
+
+
+def _parameter(p: Parameter, material: Material, inputs: tuple[Value, ...] | None) -> Any:
+    """Return a parameter: inputs held within their range, or constants."""
+    if inputs:
+        parts = [FUNCTIONS["clip"](v, p.low, p.high) for v in inputs]
     else:
         parts = [constant(v) for v in material.params[p.name]]
-    return Colour(*parts) if p.is_colour else list(parts) if p.kind == "latent" else parts[0]
+    return Colour(*parts) if p.is_colour else parts[0] if p.kind == "scalar" else parts
 
 
 def _labelled(graph: Node, recorder: Recorder) -> Node:

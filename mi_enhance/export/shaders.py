@@ -117,7 +117,9 @@ class Writer:
     def head(self) -> list[str]:
         """Return a comment that says what the file is and how it is used."""
         p, m, vector = self._prefix, self._material_argument, self._types["vector"]
-        made = f"{p}_Material m = {p}_prepare({p}_defaults());  // once for all pixels, or here: constants fold away"
+        made = (
+            f"{p}_Material m = {p}_material();  // as it was written; edited: {p}_prepare(parameters), or k as uniforms"
+        )
         call = f"{p}_%s({'m, ' if m else ''}%s);"
         return [
             f"// {p}: {self._program.equation}; brackets are neural networks. Written by mi_enhance {__version__}.",
@@ -151,13 +153,19 @@ class Writer:
             numbers = ", ".join(map(number, self._program.defaults[q.name]))
             values.append(f"    p.{q.name} = {f'{kind}({numbers})' if q.size == 3 else numbers};")
         n = (len(self._program.prepared) + 3) // 4
+        constants = [number(v) for v in self._program.prepare()]
+        constants += ["0.0"] * (4 * n - len(constants))
+        packed = self._types["packed"]
+        entries = [f"    m.k[{k}] = {packed}({', '.join(constants[4 * k : 4 * k + 4])});" for k in range(n)]
         return [
             f"{style.public}struct {p}_Parameters{style.struct}  // what may be edited; it counts as within its range",
             *("{", *fields, "};", ""),
             f"{style.public}struct {p}_Material{style.struct}  // what the functions need of the parameters",
-            *("{", f"    {style.public}{self._types['packed']} k[{n}];", "};", ""),
+            *("{", f"    {style.public}{packed} k[{n}];", "};", ""),
             f"{style.public}{p}_Parameters {p}_defaults()",
             *("{", f"    {p}_Parameters p;", *values, "    return p;", "}", ""),
+            f"{style.public}{p}_Material {p}_material()",
+            *("{", f"    {p}_Material m;", *entries, "    return m;", "}", ""),
         ]
 
     def _prepare(self) -> list[str]:

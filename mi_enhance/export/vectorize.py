@@ -126,7 +126,8 @@ class Vectorizer:
         if key not in self._new:
             if key in self._packs:
                 lanes, k = self._packs[key]
-                self._new[key] = self._make("lane", self._whole(lanes), k) if len(lanes) > 1 else self._whole(lanes)
+                alone = lanes in self._sums and len(lanes) == 1  # a sum of its own is no vector
+                self._new[key] = self._whole(lanes) if alone else self._make("lane", self._whole(lanes), k)
             else:
                 args = tuple(self.scalar(a) if isinstance(a, Value) else a for a in v.args)
                 self._new[key] = self._recorder.make(v.op, args, v.kind, True)
@@ -160,7 +161,8 @@ class Vectorizer:
                 parts.append(self._whole(pack))
                 k += n
             else:
-                parts.append(self.scalar(lanes[k]))
+                constant = lanes[k].op == "constant"
+                parts.append(self._make("column", _numbers(lanes[k : k + 1])) if constant else self.scalar(lanes[k]))
                 k += 1
         return parts
 

@@ -59,8 +59,7 @@ function run() {
     textures.forEach((_, unit) => gl.uniform1i(gl.getUniformLocation(program, "d" + unit), unit));
     for (const uniforms of job.uniforms) {
       for (const [name, v] of Object.entries(uniforms)) {
-        const place = gl.getUniformLocation(program, "p." + name);
-        if (v.length == 3) gl.uniform3fv(place, v); else gl.uniform1fv(place, v);
+        gl.uniform4fv(gl.getUniformLocation(program, name), v);
       }
       gl.drawArrays(gl.TRIANGLES, 0, 3);
       const pixels = new Float32Array(4 * n * n);
@@ -81,8 +80,8 @@ document.getElementById("result").textContent = JSON.stringify(report);
 
 def fragment(source: str, expression: str, name: str, uniform: bool) -> str:
     """A fragment shader that writes `expression` of a, b, c (the texels of three arrays) and the material m."""
-    struct = f"uniform {name}_Parameters p;" if uniform else ""
-    prepared = f"{name}_Material m = {name}_prepare({'p' if uniform else f'{name}_defaults()'});"
+    struct = f"uniform {name}_Material m;" if uniform else ""
+    made = "" if uniform or f"{name}_Material" not in source else f"{name}_Material m = {name}_material();"
     return f"""#version 300 es
 precision highp float;
 precision highp int;
@@ -93,7 +92,7 @@ out vec4 colour;
 void main() {{
     ivec2 at = ivec2(gl_FragCoord.xy);
     vec3 a = texelFetch(d0, at, 0).xyz, b = texelFetch(d1, at, 0).xyz;
-    {prepared if f"{name}_Material" in source else ""}
+    {made}
     colour = {expression};
 }}"""
 

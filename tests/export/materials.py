@@ -13,6 +13,7 @@ from mi_enhance.analytic import parameters
 from mi_enhance.export import numpy_file
 from mi_enhance.export.program import record
 from mi_enhance.neural.distilled_network import DistilledNetwork
+from mi_enhance.neural.enhance import with_trunk
 from mi_enhance.sampling.lobe_mixture import NODES, Mixture
 
 TEXT = """
@@ -53,6 +54,23 @@ def specialized() -> Material:
     return dataclasses.replace(material, brdf=dataclasses.replace(material.brdf, distilled=(network,)))
 
 
+def trunk() -> Material:
+    """A network that several slots share, read out in RGB; random weights."""
+    material = Material(with_trunk("ggx2", hidden=(16, 16, 24)), {})
+    rng = np.random.default_rng(2)
+    size = material.params["read_out"].size
+    return material.edit(read_out=rng.normal(0, 0.3, size), latent=rng.uniform(0, 1, 8), rho_s2=(0.3, 0.2, 0.1))
+
+
+def of_its_own() -> Material:
+    """A small network in RGB that scales two terms, random weights."""
+    material, rng = Material.analytic("ggx"), np.random.default_rng(3)
+    first = rng.normal(0, 0.5, (6, 3)).astype(np.float32), rng.normal(0, 0.1, 6).astype(np.float32)
+    last = rng.normal(0, 0.3, (6, 9)).astype(np.float32), rng.normal(0, 0.1, 6).astype(np.float32)
+    network = DistilledNetwork(("M", "F"), ("lobe", "cos_d", "log_product"), (first, last), channels=3)
+    return dataclasses.replace(material, brdf=dataclasses.replace(material.brdf, distilled=(network,)))
+
+
 def mixed() -> Material:
     """A material with a mixture of its own, whose shares depend on the view."""
     albedos = np.random.default_rng(1).uniform(0.05, 1, (3, NODES))
@@ -66,6 +84,8 @@ KINDS = {
     **{f"net {name}": functools.partial(pretrained, name) for name in ("ggx", "ggx2", "ggx2_small", "paper", "ward")},
     "net cook_torrance": functools.partial(pretrained, "cook_torrance"),
     "specialized": specialized,
+    "trunk": trunk,
+    "of its own": of_its_own,
     "mixture": mixed,
     "bounded": lambda: Material.analytic("ward").edit(alpha_x=0.1, alpha_y=0.4, rho_s=1).bounded(),
     "edited": lambda: pretrained("ggx2", 3).edit(rho_d=(0.2, 0.1, 0), n_x=0.2, t_theta=1, alpha_x=0.01, F0=0.5),

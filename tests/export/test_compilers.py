@@ -14,7 +14,7 @@ from mi_enhance.export import brdf_explorer, shaders
 from mi_enhance.export.program import record
 
 GLSLANG = shutil.which("glslangValidator")
-CALLS = "vec4(it_eval(m, a, b) + it_sample(m, a, b), it_pdf(m, a, b))"
+CALLS = "vec4(it_eval(m, a, b) + it_sample(m, a, b), it_pdf(it_prepare(it_defaults()), a, b))"
 HLSL = """
 RWStructuredBuffer<float3> result;
 [shader("compute")] [numthreads(64, 1, 1)]
