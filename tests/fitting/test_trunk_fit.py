@@ -69,7 +69,7 @@ def test_gradients_are_central_differences_of_the_loss(llvm):
 
 def test_follows_a_hue_that_turns_with_the_angle(llvm):
     report = fit(small(), measured()).report
-    assert report["log_l1"] < 0.2 * report["log_l1_analytic"]
+    assert report["log_l1"] < 0.35 * report["log_l1_analytic"]
 
 
 def test_never_worse_than_the_ancestor(llvm, monkeypatch):

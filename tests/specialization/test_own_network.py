@@ -72,7 +72,7 @@ def test_starts_as_the_analytic_model(llvm):
 def test_material_is_what_was_learned(llvm):
     m, error = fitted()
     _, unseen = own.divided(truth(), 0)
-    assert error < 0.15 * log_l1(start().evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
+    assert error < 0.2 * log_l1(start().evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
     np.testing.assert_allclose(log_l1(m.evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2]), error, rtol=1e-3)
     # isotropic: one roughness, no frame, no input of the azimuth
     assert m.params["alpha_x"] == m.params["alpha_y"] and not m.params["n_x"]
@@ -98,6 +98,7 @@ def test_reciprocal_on_request(llvm):
     np.testing.assert_allclose(m.evaluate(wi, wo), m.evaluate(wo, wi), rtol=2e-3, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_best_is_chosen_on_samples_that_were_not_learned(llvm, tmp_path):
     network = Material(with_trunk("ggx2", hidden=(4, 4, 4)), {})  # not trained: worse than a network of its own
     m = fit_best(network, truth(), size=6)
