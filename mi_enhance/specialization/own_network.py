@@ -28,8 +28,10 @@ from .own_problem import OwnProblem
 # The logarithm of the ratio of the cosines adds little to their difference.
 _INPUTS = tuple(name for name in inputs_module.NAMES if name != "log_ratio")
 _SEEDS, _FEW = 3, 2048  # first weights that are tried, on how many samples
-_STAGES = ((2048, 15), (4096, 20), (12288, 25), (32768, 25), (1 << 17, 15))  # samples, most steps
+_STAGES = ((2048, 15), (4096, 15), (12288, 25), (32768, 20), (1 << 17, 10))  # samples, most steps
 _UNSEEN = 8192  # samples that are not learned; they decide when to stop
+# A feature that varies by less, as the azimuth where both roughnesses are equal, is not blown up.
+_MIN_SPREAD = 0.05
 _ENOUGH, _LAST = 2e-3, 1 << 15  # a share of the error on them: a stage of so many samples that gains less is the last
 # Roughnesses this close, and a normal tilted this little (radians), are measurement noise: the material is isotropic,
 # and saves the inputs that depend on the azimuth.
@@ -171,7 +173,7 @@ def _problems(
         known = (brdf.model, slots, inputs, hidden, m.wi[:n], m.wo[:n], m.f[:n], values, moving)
         if not scale[0].any():  # the first samples say what is standard
             x = OwnProblem(*known, *scale).inputs_at_start()
-            scale = x.mean(0), x.std(0) + 1e-3  # 1e-3: a feature that does not vary
+            scale = x.mean(0), np.maximum(x.std(0), _MIN_SPREAD)
         return OwnProblem(*known, *scale)
 
     return make
