@@ -56,7 +56,10 @@ def read(path: str | Path) -> dict:
     networks = {slot: _module(slot, mlp, arrays, where) for slot, mlp in template.networks.items()}
     distilled = _distilled(description, arrays.get("compact"), template, where)
     brdf = dataclasses.replace(template.with_networks(networks), distilled=distilled)
-    return _fields(brdf, arrays["params"], description, where, arrays.get("library"))
+    result = _fields(brdf, arrays["params"], description, where, arrays.get("library"))
+    if "exact" in arrays:
+        result["exact_params"] = _fields(brdf, arrays["exact"], description, where, None)["params"]
+    return result
 
 
 def write(path: str | Path, material: Material) -> None:
@@ -67,6 +70,8 @@ def write(path: str | Path, material: Material) -> None:
             tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
     if material.brdf.distilled:
         tensors["compact"] = _flat(material.brdf.distilled)
+    if material.exact_params is not None:
+        tensors["exact"] = parameters.flatten(material.brdf.parameters, material.exact_params).astype(np.float32)
     if material.library is not None:
         tensors["library"] = material.library.astype(np.float32)
     with replacing(path) as temporary:

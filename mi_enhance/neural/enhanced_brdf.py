@@ -61,7 +61,8 @@ class EnhancedBRDF:
     def parameters(self) -> tuple[parameters.Parameter, ...]:
         """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``read_out``, ``norm_B``..."""
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
-        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.networks else ()
+        networks = self.networks or self.distilled
+        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and networks else ()
         latent: tuple[parameters.Parameter, ...] = (parameters.latent(self.n_latent),) if reads_latent else ()
         if self.trunk:
             latent += (parameters.read_out(self.trunk.size),)
@@ -226,7 +227,7 @@ class EnhancedBRDF:
         quantities, active = geometry.local_quantities(wi, wo, params)
         record = {**quantities, **params}
         graph = self.model.graph
-        if self.networks:
+        if self.networks or self.distilled:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
             graph = graph.replace(self.replacements(record, wi, wo, evaluators, folded))
@@ -255,7 +256,9 @@ class EnhancedBRDF:
         slots = [slot for slot in self.evaluated if slot != NAME]
         nodes = [self.model.graph.find(slot) for slot in slots]
         x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
-        functions = {slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots}
+        functions = {
+            slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
+        }
         if self.trunk and NAME in self.evaluated:
             units = self.units(record, wi, wo, evaluators, folded)
             numbers = [v for slot in self.read_slots for v in record["read_out"][self.trunk.numbers_of(slot)]]
@@ -280,9 +283,10 @@ class EnhancedBRDF:
         n, functions = len(y) // len(slots), {}
         for k, slot in enumerate(slots):
             factor = [_exp(v, MAX_LOG) for v in y[k * n : (k + 1) * n]]
-            value = factor[0] if n == 1 else mi.Color3f(*factor)
             # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
-            functions[slot] = lambda record, node=self.model.graph.find(slot), value=value: node(record) * value
+            functions[slot] = lambda record, node=self.model.graph.find(slot), factor=factor: (
+                node(record) * _colour(factor, record)
+            )
         return functions
 
     def _max_logs(self) -> dict[str, float]:
@@ -313,13 +317,20 @@ class EnhancedBRDF:
         def term(record):
             values = evaluator(x, bias) if mlp.varies else bias
             out = [_exp(y + record[name] if name in record else y, limit) for y in values]
-            return out[0] if len(out) == 1 else mi.Color3f(*out)
+            return _colour(out, record)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:
             # Colours are no inputs: such a module scales the term in its slot, and f stays linear in its colour.
             node = self.model.graph.find(slot)
             return lambda record: node(record) * term(record)
         return term
+
+
+def _colour(v: Sequence[mi.Float], record: Mapping) -> Any:
+    """Return one number, or three as a colour: RGB, or what the record's ``of_rgb`` makes of it for a renderer."""
+    if len(v) == 1:
+        return v[0]
+    return record["of_rgb"](mi.Color3f(*v)) if "of_rgb" in record else mi.Color3f(*v)
 
 
 def _exp(y, limit: float):

@@ -21,6 +21,7 @@ from ..numerics.arrays import vector3f
 
 _BLOCK = 1024  # samples per product: their Jacobian of some hundred unknowns stays in the cache
 _CHANNELS = 3
+_LARGEST_WEIGHT = 30.0  # keeps a fit from running away along a direction the data says nothing about
 
 
 class OwnProblem:
@@ -37,8 +38,8 @@ class OwnProblem:
         Names of features.
     hidden : sequence of int
     wi, wo, f : array (N, 3)
-    values : array (P,)
-        All parameters, as they are optimized; those that do not move stay so.
+    values : dict of str to array
+        All parameters of the model, and ``asymmetry``, at the start.
     moving : array (P, Q)
         How the Q unknowns move them: free values are `values` + `moving` @ unknowns.
     mean, std : array (inputs,)
@@ -49,7 +50,8 @@ class OwnProblem:
         self.model, self.slots, self.inputs = model, tuple(slots), tuple(inputs)
         self.parameters = (*model.parameters, ASYMMETRY)
         self.space = Space(self.parameters)
-        self.values, self.moving = values, moving
+        self.values = self.space.to_free(parameters.flatten(self.parameters, values))
+        self.moving = moving
         self.wi, self.wo, self.n = vector3f(wi), vector3f(wo), len(wi)
         self.cos = wo[:, 2].astype(np.float32)
         self.truth = np.log1p(f.T.astype(np.float32) * self.cos)
@@ -83,6 +85,20 @@ class OwnProblem:
         """Return the vector of unknowns."""
         return np.concatenate([moved, *(np.append(w.ravel(), b) for w, b in layers)])
 
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of the unknowns."""
+        q = self.moving.shape[1]
+        low, high = np.full(self.n_unknowns, -_LARGEST_WEIGHT), np.full(self.n_unknowns, _LARGEST_WEIGHT)
+        at = self.moving.argmax(0)
+        low[:q], high[:q] = (self.space.low - self.values)[at], (self.space.high - self.values)[at]
+        return low, high
+
+    def inputs_at_start(self) -> np.ndarray:
+        """Return the features for the parameters at the start, (N, inputs)."""
+        with dr.suspend_grad():
+            features = self._start(self.values, grad=False)[-1]
+            return columns.matrix(columns.pack(features), len(features)).T
+
     def first(self, rng: np.random.Generator) -> np.ndarray:
         """Return first unknowns: the parameters as they are, Xavier hidden layers, outputs of 0: the analytic model."""
         layers = []
@@ -103,7 +119,7 @@ class OwnProblem:
         features = named(record)
         return leaves, record, above, [features[name] + dr.zeros(mi.Float, self.n) for name in self.inputs]
 
-    def _f(self, record, above, logs) -> Any:
+    def f(self, record, above, logs) -> Any:
         functions = {}
         for k, slot in enumerate(self.slots):
             factor = mi.Color3f(*(dr.exp(dr.clip(v, -MAX_LOG, MAX_LOG)) for v in logs[3 * k : 3 * k + 3]))
@@ -123,7 +139,7 @@ class OwnProblem:
         with dr.suspend_grad():
             _, record, above, features = self._start(free, grad=False)
             y = _forward(layers, self._x(features))[0]
-            f = self._f(record, above, self._logs(y))
+            f = self.f(record, above, self._logs(y))
             return self.truth - np.log1p(columns.matrix(columns.pack(list(f)), 3) * self.cos)
 
     def loss(self, u: np.ndarray) -> np.ndarray:
@@ -139,7 +155,7 @@ class OwnProblem:
         y, kept = _forward(layers, x)
         logs = self._logs(y)
         dr.enable_grad(logs)
-        f = self._f(record, above, logs)
+        f = self.f(record, above, logs)
         r = [dr.log(1 + c * self.wo.z) for c in f]
         rows = []
         for c in range(_CHANNELS):

@@ -96,3 +96,14 @@ def rival_file(name: str) -> Path:
         If there is no such file.
     """
     return _find(_PACKAGE / "bundled/rivals", name, "rival_file()")
+
+
+def network_exists(name: str) -> bool:
+    """Tell whether a network of that name comes with the package.
+
+    Examples
+    --------
+    >>> network_exists("ggx"), network_exists("ggx_retro")
+    (True, False)
+    """
+    return (_PACKAGE / "networks" / f"{name}.bsdf").is_file()

@@ -34,7 +34,7 @@ def differences(loss, values, name, index):
 
 
 def test_core_of_the_hybrid_is_ggx_with_its_derivatives():
-    """Against the reference GGX, where both forms of the Fresnel term are near F0: both directions near the half one."""
+    """Against the reference GGX, where both forms of the Fresnel term are near F0: directions near the half vector."""
     wi, wo = pairs(200)
     near = np.linalg.norm(wi + wo, axis=1) > 2 * np.cos(0.4)
     batch = hybrid.Batch.of(wi, wo)
