@@ -37,6 +37,7 @@ _PUBLIC = {
     "fit_texels": "fitting.fit_texels",
     "load_material": "material.material",
     "plot": "evaluation.plot",
+    "fit_best": "specialization.fit_best",
     "read_views": "images.view_files",
     "render_views": "images.cameras",
     "search": "hypercube.search",

@@ -124,9 +124,8 @@ def fit(
         starts = [_given(material.brdf, material), first]
         known = None
         if material.library is not None:
-            known = library_prior.from_library(
-                material, library_prior.weight(measurements.wi, measurements.wo, loss_analytic)
-            )
+            of = library_prior.weight_of_read_outs if material.brdf.trunk else library_prior.weight
+            known = library_prior.from_library(material, of(measurements.wi, measurements.wo, loss_analytic))
         vector, loss = run(material.brdf, starts, known)
         if material.brdf.trunk and loss > loss_analytic:  # samples that an early stage did not see
             vector, loss = first, loss_analytic
@@ -157,7 +156,7 @@ def fit(
         lobe_albedo=albedo.lobe_albedo(fitted.brdf, fitted.as_drjit()),
         mixture=fit_mixture(fitted.brdf, fitted.as_drjit()),
     )
-    return _bounded(fitted, measurements) if bound_energy else fitted
+    return with_bounded_energy(fitted, measurements) if bound_energy else fitted
 
 
 def _search(
@@ -195,7 +194,7 @@ def _search(
     return space.to_physical(best[0]), float(loss[0])
 
 
-def _bounded(material: Material, measurements: Measurements) -> Material:
+def with_bounded_energy(material: Material, measurements: Measurements) -> Material:
     """The material with bounded energy, and what that costs in its report."""
     material = material.bounded()
     f, cos = material.evaluate(measurements.wi, measurements.wo), measurements.wo[:, 2]

@@ -20,7 +20,7 @@ from ..neural.trainable import fused
 from ..numerics.arrays import vector3f
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
-from ..system.bundled_files import DEFAULT_NETWORK, network_file
+from ..system.bundled_files import DEFAULT_NETWORK, SURFACE_NETWORK, network_file
 from . import material_file
 from .old_names import OldNames
 from .reports import SpecializeReport
@@ -154,11 +154,17 @@ class Material(OldNames):
         """A text: equation, parameters, report."""
         lines = [str(self.brdf)]
         for p in self.brdf.parameters:
-            lines.append(f"  {p.name:<8} {' '.join(f'{v:.4g}' for v in self.params[p.name])}")
+            values = self.params[p.name]
+            text = " ".join(f"{v:.4g}" for v in values) if p.name != "read_out" else f"{len(values)} numbers"
+            lines.append(f"  {p.name:<8} {text}")
+        trunk = self.brdf.trunk
+        if trunk:
+            kind = "RGB factors" if trunk.channels == 3 else "factors"
+            sizes = "-".join(map(str, trunk.mlp.sizes))
+            lines.append(f"  {', '.join(trunk.slots)}: {kind}, read out of one trunk {sizes} by numbers of its own")
         for c in self.brdf.distilled:
-            lines.append(
-                f"  {', '.join(c.slots)} from a network {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}"
-            )
+            kind = "RGB factors from a network of its own" if c.channels == 3 else "from a network"
+            lines.append(f"  {', '.join(c.slots)}: {kind} {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}")
         lines.append(
             f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
             f"inputs: {self.brdf.inputs}"
@@ -312,3 +318,17 @@ def load_material(path: str | Path) -> Material:
     >>> load_material("gold.bsdf")  # doctest: +SKIP
     """
     return Material.load(path)
+
+
+def refuse_trunk(material: Material, where: str) -> None:
+    """Raise unless the material has few numbers: those of a read-out are hundreds, for one material with many samples.
+
+    Examples
+    --------
+    >>> refuse_trunk(Material.analytic("ggx"), "example")
+    """
+    if material.brdf.trunk:
+        raise ValueError(
+            f"{where}: this network has {material.brdf.trunk.size} numbers of the material's own, more than a texel or "
+            f'photographs determine. Take one with few, such as Material.pretrained("{SURFACE_NETWORK}").'
+        )

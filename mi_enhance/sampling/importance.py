@@ -8,6 +8,7 @@ The cosine is that of the surface, which the integrand has, not that of a tilted
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
