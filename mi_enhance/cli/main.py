@@ -28,6 +28,7 @@ from . import (
     specialize,
     streams,
     train,
+    view,
 )
 from .arguments import OUTPUT_RULE
 
@@ -41,6 +42,7 @@ _COMMANDS = (
     check,
     specialize,
     export,
+    view,
     convert,
     train,
     search,
