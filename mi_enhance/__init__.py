@@ -36,6 +36,8 @@ _PUBLIC = {
     "fit_images": "images.fit_images",
     "fit_texels": "fitting.fit_texels",
     "load_material": "material.material",
+    "plot": "evaluation.plot",
+    "fit_best": "specialization.fit_best",
     "read_views": "images.view_files",
     "render_views": "images.cameras",
     "search": "hypercube.search",

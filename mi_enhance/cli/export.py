@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from typing import Any
 
 from . import arguments
 from .outputs import made, output_file
@@ -54,8 +56,13 @@ def run(args: argparse.Namespace) -> dict:
         source = source.edit(**dict(args.edits))
     with progress_bar("export", quiet=args.json or not takes_progress) as progress:
         facts = export_material(source, made(output), progress=progress, **arguments.settings(args.define))
-    print(f"{output}: " + ", ".join(f"{name} {_shown(value)}" for name, value in facts.items()))
+    print(f"{output}: {said(facts)}")
     return {"output": str(output), **facts}
+
+
+def said(facts: Mapping[str, Any]) -> str:
+    """Return what an exporter says of its file as one line."""
+    return ", ".join(f"{name} {_shown(value)}" for name, value in facts.items())
 
 
 def _shown(value: object) -> str:

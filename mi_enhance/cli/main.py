@@ -20,8 +20,10 @@ from . import (
     demo,
     doctor,
     export,
+    figure,
     fit,
     fit_images,
+    plot,
     render,
     search,
     show,
@@ -39,6 +41,7 @@ _COMMANDS = (
     fit_images,
     render,
     show,
+    plot,
     check,
     specialize,
     export,
@@ -48,6 +51,7 @@ _COMMANDS = (
     search,
     compare,
     bench,
+    figure,
 )
 _OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
 

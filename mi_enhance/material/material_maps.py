@@ -13,8 +13,8 @@ import numpy as np
 
 from ..analytic import parameters
 from ..neural import mlp
+from ..system.exr_channels import read_channels
 from ..system.files import digest, replacing, require_file
-from .exr_channels import read_channels
 from .material import Material
 
 FORMAT = 1  # of the files; a reader refuses what is newer

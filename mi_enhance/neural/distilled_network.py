@@ -83,6 +83,14 @@ class DistilledNetwork:
             self.channels,
         )
 
+    def shifted(self, slot: str, logs: np.ndarray) -> DistilledNetwork:
+        """Return the network with numbers, one per channel, added to the outputs of a slot."""
+        *hidden, (w, b) = self.layers
+        b = b.copy()
+        k = self.slots.index(slot) * self.channels
+        b[k : k + self.channels] += logs
+        return dataclasses.replace(self, layers=(*hidden, (w, b)))
+
     # ------------------------------------------------------------------ files
 
     def describe(self) -> dict:

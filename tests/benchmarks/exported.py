@@ -1,94 +1,80 @@
-"""Size and speed of exported code: a row for each material, an analytic GGX first.
+"""What a material loses on its way out: measured files and nearest parameters of other models.
 
-Bytes of the files, multiply-adds, and the time of an evaluation of f_r in a headless browser (WebGL 2, software
-rendering: a CPU) over that of GGX: medians of interleaved draws of 512 x 512 pairs. The parameters are uniforms, as in
-a viewer with sliders.
+The model is fitted to each file; the fitted material is written as RGL, as MERL and as parameters of `principled`,
+OpenPBR and glTF. Errors are log-L1 against the material, at random pairs; of the RGL file also the difference of two
+renders of the shader ball, one of the material and one of the file by Mitsuba's `measured`, each with its own noise,
+beside that of two renders of the material with different seeds.
+
+    python tests/benchmarks/exported.py mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf --json
 """
 
 from __future__ import annotations
 
-import dataclasses
-import sys
+import tempfile
+import time
 from pathlib import Path
 
+import mi_enhance as me  # first: it finds the LLVM that Dr.Jit then loads
+
+import mitsuba as mi  # isort: skip
 import common
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "export"))
+from mi_enhance.benchmark import timing
+from mi_enhance.evaluation import image_metrics, scenes
+from mi_enhance.export.registry import export_material
 
-import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
-
-import browser  # isort: skip
-import mitsuba as mi  # isort: skip
-
-from mi_enhance import Material
-from mi_enhance.benchmark.timing import machine
-from mi_enhance.export import brdf_explorer, numpy_file, shaders
-from mi_enhance.export.program import record
-
-_COLUMNS = {
+COLUMNS = {
     "material": ("material", ""),
-    "multiply_adds": ("multiply-adds", ",d"),
-    "glsl": (".glsl", ",d"),
-    "constant": (".glsl, constant", ",d"),
-    "hlsl": (".hlsl", ",d"),
-    "slang": (".slang", ",d"),
-    "python": (".py", ",d"),
-    "brdf": (".brdf", ",d"),
-    "uniforms": ("vec4 of uniforms", "d"),
-    "to_ggx": ("time to GGX", ".2f"),
+    "fit": ("fit", ".4f"),
+    "bsdf": ("RGL", ".4f"),
+    "bsdf_below_80": ("below 80°", ".4f"),
+    "megabytes": ("MB", ".1f"),
+    "seconds": ("s", ".1f"),
+    "render": ("render, ΔE ITP x1000", ".2f"),
+    "noise": ("noise", ".2f"),
+    "binary": ("MERL", ".4f"),
+    "binary_below_80": ("below 80°", ".4f"),
+    "xml": ("principled", ".4f"),
+    "mtlx": ("OpenPBR", ".4f"),
+    "gltf": ("glTF", ".4f"),
 }
 
 
+def row(path: Path, folder: Path, args) -> dict:
+    material = me.fit(me.Material.pretrained(args.model), me.data.load(path, n_samples=args.samples))
+    result = {"material": path.stem.removesuffix("_rgb"), "fit": material.report["log_l1"]}
+    for kind in ("bsdf", "binary", "xml", "mtlx", "gltf"):
+        start = time.perf_counter()
+        facts = export_material(material, folder / f"x.{kind}")
+        result[kind] = facts["log_l1"]
+        if kind == "bsdf":
+            result |= {"megabytes": facts["bytes"] / 1e6, "seconds": time.perf_counter() - start}
+        if "log_l1_below_80" in facts:
+            result[f"{kind}_below_80"] = facts["log_l1_below_80"]
+    written = {"type": "measured", "filename": str(folder / "x.bsdf")}
+    images = [
+        np.array(mi.render(scenes.shader_ball(bsdf, resolution=args.resolution, spp=args.spp), seed=mi.UInt32(seed)))
+        for bsdf, seed in ((material.bsdf(), 0), (written, 1), (material.bsdf(), 1))
+    ]
+    result["render"], result["noise"] = (
+        1000 * float(np.mean(image_metrics.delta_E_ITP_map(images[0], image))) for image in images[1:]
+    )
+    return result
+
+
 def main() -> None:
-    """Run the benchmark of the command line."""
     parser = common.parser(__doc__)
-    parser.add_argument("files", nargs="*", metavar="MAT.bsdf", help="materials beside the shipped networks")
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("data", nargs="*", help="RGL .bsdf (default: the bundled ones)")
+    parser.add_argument("--model", default="ggx2", help="pretrained network (default: %(default)s)")
+    parser.add_argument("--samples", type=int, default=20_000, help="of each fit (default: %(default)s)")
+    parser.add_argument("--resolution", type=int, default=128)
+    parser.add_argument("--spp", type=int, default=256)
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
-    materials = {"GGX": Material.analytic("ggx"), "GGX, two lobes": Material.analytic("ggx2")}
-    materials |= {f"network {name}": Material.pretrained(name) for name in ("ggx", "ggx2_small", "ggx2", "paper")}
-    materials |= {Path(path).stem: Material.load(path) for path in args.files}
-    programs = {name: record(material) for name, material in materials.items()}
-    rows = [{"material": name, **sizes(programs[name], materials[name])} for name in materials]
-    for row, ratio in zip(rows, times(list(programs.values()), args.rounds), strict=True):
-        row["to_ggx"] = ratio
-    common.finish(rows, _COLUMNS, title="exported code", about=machine(), as_json=args.json)
-
-
-def sizes(program, material) -> dict:
-    """Bytes of the files of a material."""
-
-    def n(text: str) -> int:
-        return len(text.encode())
-
-    return {
-        "multiply_adds": program.multiply_adds,
-        "glsl": n(shaders.source(program, "it")),
-        "constant": n(shaders.source(record(material, editable=False), "it")),
-        "hlsl": n(shaders.source(program, "it", shaders.HLSL)),
-        "slang": n(shaders.source(program, "it", shaders.SLANG)),
-        "python": n(numpy_file.source(program, "it")),
-        "brdf": n(brdf_explorer.source(program, "it")),
-        "uniforms": -(-len(program.prepared) // 4),
-    }
-
-
-def times(programs, rounds: int) -> list[float]:
-    """Time of a draw over that of the first program, medians; the draw that compiles does not count."""
-    wi, wo = np.random.default_rng(0).normal(size=(2, 512 * 512, 3)).astype(np.float32)
-    for w in (wi, wo):
-        w /= np.linalg.norm(w, axis=1, keepdims=True)
-        w[:, 2] = abs(w[:, 2])
-    jobs = []
-    for program in programs:
-        evaluated = dataclasses.replace(program, functions={"eval": program.functions["eval"]})
-        source = browser.fragment(shaders.source(evaluated, "it"), "vec4(it_eval(m, a, b), 0)", "it", uniform=True)
-        k = program.prepare()
-        jobs.append({"source": source, "uniforms": [{"m.k": np.pad(k, (0, -len(k) % 4)).tolist()}]})
-    seconds = np.reshape(browser.seconds(jobs * (rounds + 1), wi, wo), (rounds + 1, len(jobs)))[1:]
-    return list(np.median(seconds / seconds[:, :1], axis=0))
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [row(path, Path(folder), args) for path in common.rgl_files(args.data)]
+    common.finish(rows, COLUMNS, title="log-L1 against the material", about=timing.machine(), as_json=args.json)
 
 
 if __name__ == "__main__":
