@@ -59,10 +59,10 @@ def sample(
     # One distribution whose roughness is that of the lobe drawn: its code stands in the kernel once.
     _, a_x, a_y = lobes[0]
     first, share = mi.Float(0), shares[0]  # where the interval of the lobe in sample1 begins, and its length
-    back = mi.Mask(isinstance(lobes[0], AroundBack))
+    back = mi.Bool(isinstance(lobes[0], AroundBack))
     for lobe, own in zip(lobes[1:], shares[1:], strict=True):
         later, (_, b_x, b_y) = sample1 >= first + share, lobe
-        back = dr.select(later, mi.Mask(isinstance(lobe, AroundBack)), back)
+        back = dr.select(later, mi.Bool(isinstance(lobe, AroundBack)), back)
         a_x, a_y, first, share = (
             dr.select(later, *v) for v in ((b_x, a_x), (b_y, a_y), (first + share, first), (own, share))
         )

@@ -102,7 +102,7 @@ def ggx_retro() -> Model:
     ----------
     Belcour et al. 2014, *BRDF Measurements and Analysis of Retroreflective Materials*.
     """
-    back = {"D2": terms.D_retro_ggx, "F2": terms.F_retro_schlick}
+    back: dict[str, Callable] = {"D2": terms.D_retro_ggx, "F2": terms.F_retro_schlick}
     two = ggx2()
     graph = two.graph
     for slot, retro in back.items():
