@@ -277,7 +277,7 @@ def _rgb(texture: mi.Texture, si: mi.SurfaceInteraction3f, active) -> mi.Color3f
 
 
 def _of_rgb(rgb: mi.Color3f, si: mi.SurfaceInteraction3f) -> Any:
-    """A factor in RGB for the wavelengths of a hit point: linear between the peaks of the primaries, constant beyond."""
+    """A factor in RGB for the wavelengths of a hit point: linear between the peaks of the primaries."""
     if mi.is_monochromatic:
         return mi.Color1f(mi.luminance(rgb))
     red, green, blue = _RGB_WAVELENGTHS

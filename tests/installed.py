@@ -25,7 +25,7 @@ def main() -> None:
 
     samples = me.data.load(bundled_files.demo_data("satin_rosaline_rgb.bsdf"), n_samples=500)
     assert samples.f.max() > 0
-    material = me.Material.pretrained().edit(rho_d=0.5)
+    material = me.Material.pretrained("ggx2").edit(rho_d=0.5)
     with tempfile.TemporaryDirectory() as folder:
         material.save(Path(folder) / "m.bsdf")
         loaded = me.load_material(Path(folder) / "m.bsdf")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..material.material import Material
 
 Subparsers = Any  # argparse has no public name for what add_subparsers() returns
+MEASURED = "MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz"
 OUTPUT_RULE = (
     "A file to be written is always named with -o. A folder is out/COMMAND unless -o names another. "
     "show and check write nothing unless -o is given. No command writes over one of its inputs."
@@ -52,7 +53,11 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
 
 
 def add_measurements(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("data", metavar="DATA", help="MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz")
+    parser.add_argument("data", metavar="DATA", help=MEASURED)
+    add_material(parser)
+
+
+def add_material(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", help="which material, in a file that holds several")
 
 
@@ -84,6 +89,12 @@ def add_define(parser: argparse.ArgumentParser, whose: str) -> None:
         default=[],
         metavar="KEY=VALUE",
         help=f"give KEY of the {whose} this value; may be repeated",
+    )
+
+
+def add_edits(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set", dest="edits", type=edit, action="append", default=[], metavar="NAME=V[,V,V]", help="edit a parameter"
     )
 
 
@@ -120,6 +131,15 @@ def pair(text: str) -> tuple[str, str]:
     if not (key and equals):
         raise argparse.ArgumentTypeError(f'"{text}" is not KEY=VALUE')
     return key, value
+
+
+def edit(text: str) -> tuple[str, float | tuple[float, ...]]:
+    name, value = pair(text)
+    try:
+        numbers = tuple(float(v) for v in value.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'"{text}": the values must be numbers, as in rho_d=0.2,0.1,0.0') from None
+    return name, numbers if len(numbers) > 1 else numbers[0]
 
 
 # ---------------------------------------------------------------------- what they stand for

@@ -68,15 +68,27 @@ def load(
         raise ValueError(
             f"{where}: kind is {kind!r}. Choose one of: {', '.join(readers())}.{did_you_mean(kind, readers())}"
         )
-    found = _recognized(file, where) if kind is None else readers()[kind]
+    found = recognized(file, where) if kind is None else readers()[kind]
     if found.names is not None:
-        index = _choose(found.names(path), material, where)
+        index = choose(found.names(path), material, where)
         return found.read(path, index, n_samples=n_samples, seed=seed)
     if material is not None:
         raise ValueError(
             f"{where}: this file holds one material, {material!r} was asked for. Leave out material= (--material)."
         )
     return found.read(path, n_samples=n_samples, seed=seed)
+
+
+def kind_of(path: str | Path) -> str:
+    """Return the kind of a measured file, the name of its reader.
+
+    Examples
+    --------
+    >>> kind_of("mi_enhance/bundled/nbrdf/merl.npz")
+    'nbrdf'
+    """
+    where = f'data.kind_of("{path}")'
+    return recognized(files.require_file(path, where), where).kind
 
 
 def names(path: str | Path) -> list[str]:
@@ -88,7 +100,7 @@ def names(path: str | Path) -> list[str]:
     ['bindercover', 'bluebook', 'cardboard']
     """
     where = f'data.names("{path}")'
-    found = _recognized(files.require_file(path, where), where)
+    found = recognized(files.require_file(path, where), where)
     return [files.material_name(path)] if found.names is None else found.names(path)
 
 
@@ -104,8 +116,11 @@ def save_table(measurements: Measurements, path: str | Path) -> None:
     table_file.write(measurements, path)
 
 
-def _recognized(path: Path, where: str) -> Reader:
-    """Return the reader of a file by its content, which tells more than the suffix; then by its suffix."""
+def recognized(path: Path, where: str) -> Reader:
+    """Return the reader of a file by its content, which tells more than the suffix; then by its suffix.
+
+    Errors begin with `where`.
+    """
     with open(path, "rb") as file:
         head = file.read(_HEAD)
     suffix = path.suffix.lower()
@@ -134,7 +149,7 @@ def _with_arrays(held: set[str], where: str) -> Reader:
     raise ValueError(f"{where}: holds the arrays {', '.join(sorted(held)[:12])[:200]}. Needed are, at least, {needed}.")
 
 
-def _choose(available: list[str], material: str | None, where: str) -> int:
+def choose(available: list[str], material: str | None, where: str) -> int:
     """Return the index of `material`; with no name given, that of the only one."""
     if material is None and len(available) == 1:
         return 0

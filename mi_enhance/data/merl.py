@@ -28,7 +28,19 @@ _SIZE = 12 + 3 * 8 * 90 * 90 * 180
 _INVALID = -1.0
 
 
-@reader("merl", about="MERL .binary", suffixes=(".binary",), magic=np.array(_SHAPE, "<i4").tobytes())
+def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance of a file; see :func:`mi_enhance.data.functions.function_of`.
+
+    Where nothing was measured, which is next to the horizon, the nearest measured cell of smaller theta_d counts.
+    """
+    table = read_table(path)
+    for k in range(1, _SHAPE[1]):
+        table[:, k] = np.where(np.isnan(table[:, k]), table[:, k - 1], table[:, k])
+    table = np.nan_to_num(table, nan=0.0)  # a column without any value
+    return lambda wi, wo: np.maximum(lookup(table, wi, wo), 0)
+
+
+@reader("merl", about="MERL .binary", suffixes=(".binary",), magic=np.array(_SHAPE, "<i4").tobytes(), function=function)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of the measured material in `path`.
 

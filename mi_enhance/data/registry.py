@@ -16,6 +16,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ..system.modules import import_all
 from .measurements import Measurements
 
@@ -42,6 +44,9 @@ class Reader:
         What a ``.npz`` of this kind holds, at least.
     names : callable, optional
         ``names(path) -> list of str``, the materials in a collection; None if a file holds one material.
+    function : callable, optional
+        ``function(path) -> f``, of a collection ``function(path, index) -> f``: the reflectance ``f(wi, wo)`` between
+        the values of the file, (N, 3), >= 0. None if it has none.
     """
 
     kind: str
@@ -52,6 +57,7 @@ class Reader:
     knows: Callable[[bytes], bool] | None = None
     arrays: tuple[str, ...] = ()
     names: Callable[[str | Path], list[str]] | None = None
+    function: Callable[..., Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
 
 
 _readers: dict[str, Reader] = {}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NoReturn
 
@@ -39,7 +39,13 @@ _VALUES = {"rgb": {"rgb": ("f4", 5)}, "spectra": {"spectra": ("f4", 5), "wavelen
 _MAX_VALUE = 1e9  # sharp chrome reaches 2e4; products of three such values stay finite in float32
 
 
-@reader("rgl", about="RGL .bsdf", suffixes=(".bsdf",), magic=tensor_file.MAGIC)
+def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance of a file; see :func:`mi_enhance.data.functions.function_of`."""
+    f = opened(path)
+    return lambda wi, wo: np.maximum(f(wi, wo), 0)
+
+
+@reader("rgl", about="RGL .bsdf", suffixes=(".bsdf",), magic=tensor_file.MAGIC, function=function)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of the measured material in `path`.
 
@@ -94,6 +100,11 @@ def evaluate(path: str | Path, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     array (N, 3), float32
         f_r in 1/sr, linear sRGB.
     """
+    return opened(path)(wi, wo)
+
+
+def opened(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Check a file once and return `evaluate` of it, ``f(wi, wo)``."""
     import mitsuba as mi  # only this reader needs it
 
     from ..numerics.arrays import vector3f
@@ -107,15 +118,19 @@ def evaluate(path: str | Path, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
             bsdf = mi.load_dict({"type": "measured", "filename": str(readable.resolve())})
         except RuntimeError as error:
             raise ValueError(f"{where}: Mitsuba refuses this file: {error}") from error
-    light = vector3f(wo)
-    si = mi.SurfaceInteraction3f()
-    si.wi = vector3f(wi)
-    f = np.array(bsdf.eval(mi.BSDFContext(), si, light)) / np.array(light.z)
-    if not np.isfinite(f).all():
-        raise ValueError(
-            f"{where}: evaluates to NaN or infinity for some directions. The file is damaged; download it again."
-        )
-    return f.T
+
+    def f(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        light = vector3f(wo)
+        si = mi.SurfaceInteraction3f()
+        si.wi = vector3f(wi)
+        f = np.array(bsdf.eval(mi.BSDFContext(), si, light)) / np.array(light.z)
+        if not np.isfinite(f).all():
+            raise ValueError(
+                f"{where}: evaluates to NaN or infinity for some directions. The file is damaged; download it again."
+            )
+        return f.T
+
+    return f
 
 
 @contextlib.contextmanager

@@ -157,7 +157,7 @@ def fit(
         lobe_albedo=albedo.lobe_albedo(fitted.brdf, fitted.as_drjit()),
         mixture=fit_mixture(fitted.brdf, fitted.as_drjit()),
     )
-    return _bounded(fitted, measurements) if bound_energy else fitted
+    return with_bounded_energy(fitted, measurements) if bound_energy else fitted
 
 
 def _search(
@@ -195,7 +195,7 @@ def _search(
     return space.to_physical(best[0]), float(loss[0])
 
 
-def _bounded(material: Material, measurements: Measurements) -> Material:
+def with_bounded_energy(material: Material, measurements: Measurements) -> Material:
     """The material with bounded energy, and what that costs in its report."""
     material = material.bounded()
     f, cos = material.evaluate(measurements.wi, measurements.wo), measurements.wo[:, 2]

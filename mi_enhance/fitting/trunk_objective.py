@@ -39,7 +39,9 @@ class TrunkObjective(Objective):
             leaves, record, above, units = self._units(u)
             phi = self._matrix(columns.pack(units), len(units))
             logs = self._logs(u, phi)
-            return self._residual(self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record) & above)
+            return self._residual(
+                self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record) & above
+            )
 
     def normal_equations(self, u: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See :meth:`Objective.normal_equations`."""
@@ -48,7 +50,7 @@ class TrunkObjective(Objective):
         phi = self._matrix(columns.pack(units), len(units))
         logs = self._logs(u, phi)
         dr.enable_grad(logs)
-        r = self._residual(self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record) & above)
+        r = self._residual(self._f(record, logs) & above)
         by_channel = [logs[c :: trunk.channels] if trunk.channels == 3 else logs for c in range(3)]
         rows = []
         for c in range(3):
@@ -67,6 +69,9 @@ class TrunkObjective(Objective):
             for k in range(b):
                 total[k] += _accumulate(h[k], g[k], index, direct[k], slopes[k], phi[k], value[k, 0], epsilon[k])
         return h / (3 * n), g / (3 * n), total / (3 * n)
+
+    def _f(self, record: dict, logs: list) -> Any:
+        return self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record)
 
     def _units(self, u: np.ndarray, grad: bool = False) -> tuple[list, dict, Any, list]:
         """Return the parameters but the read-out, the record, the lanes above the horizon, and the units."""

@@ -72,8 +72,8 @@ def _with_plain_factors(material: Material) -> Material:
 def reshaped(material: Material, before: Material) -> Material:
     """Return an edited material whose terms reflect, to their analytic ones, what they did before the edit.
 
-    Factors were learned at one roughness. Elsewhere they extrapolate, and a paint would turn to silver; so their mean is
-    held, channel by channel, and only their shape follows the edit.
+    Factors were learned at one roughness. Elsewhere they extrapolate, and a paint would turn to silver; so their mean
+    is held, channel by channel, and only their shape follows the edit.
     """
     factors = list(_factors(material))
     if factors:

@@ -58,7 +58,7 @@ def read(path: str | Path) -> dict:
     brdf = dataclasses.replace(template.with_networks(networks), distilled=distilled)
     result = _fields(brdf, arrays["params"], description, where, arrays.get("library"))
     if "exact" in arrays:
-        result["exact"] = _fields(brdf, arrays["exact"], description, where, None)["params"]
+        result["exact_params"] = _fields(brdf, arrays["exact"], description, where, None)["params"]
     return result
 
 
@@ -70,8 +70,8 @@ def write(path: str | Path, material: Material) -> None:
             tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
     if material.brdf.distilled:
         tensors["compact"] = _flat(material.brdf.distilled)
-    if material.exact is not None:
-        tensors["exact"] = parameters.flatten(material.brdf.parameters, material.exact).astype(np.float32)
+    if material.exact_params is not None:
+        tensors["exact"] = parameters.flatten(material.brdf.parameters, material.exact_params).astype(np.float32)
     if material.library is not None:
         tensors["library"] = material.library.astype(np.float32)
     with replacing(path) as temporary:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -256,7 +256,9 @@ class EnhancedBRDF:
         slots = [slot for slot in self.evaluated if slot != NAME]
         nodes = [self.model.graph.find(slot) for slot in slots]
         x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
-        functions = {slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots}
+        functions = {
+            slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
+        }
         if self.trunk and NAME in self.evaluated:
             units = self.units(record, wi, wo, evaluators, folded)
             numbers = [v for slot in self.read_slots for v in record["read_out"][self.trunk.numbers_of(slot)]]
@@ -271,20 +273,18 @@ class EnhancedBRDF:
 
     def units(self, record: Mapping, wi: Any, wo: Any, evaluators: Evaluators, folded: Mapping) -> list[mi.Float]:
         """Return the units of the trunk before the leaky ReLU; arguments as :meth:`replacements`."""
-        trunk = cast(Trunk, self.trunk)
         node = self.model.graph.find(self.read_slots[0])
         x = of_directions(record, self.inputs, wi, wo, [node])[node.name]
         return evaluators[NAME](x, folded[NAME])
 
     def scaled(self, slots: Sequence[str], y: Sequence[mi.Float]) -> dict[str, Callable]:
-        """Return the functions that scale the terms in some slots by exp(y): one number for each, or one per channel."""
+        """Return the functions that scale the terms in some slots by exp(y): a number for each, or one per channel."""
         n, functions = len(y) // len(slots), {}
         for k, slot in enumerate(slots):
             factor = [_exp(v, MAX_LOG) for v in y[k * n : (k + 1) * n]]
             # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
-            functions[slot] = lambda record, node=self.model.graph.find(slot), factor=factor: node(record) * _colour(
-                factor, record
-            )
+            node = self.model.graph.find(slot)
+            functions[slot] = lambda record, node=node, factor=factor: node(record) * _colour(factor, record)
         return functions
 
     def _max_logs(self) -> dict[str, float]:

@@ -58,9 +58,9 @@ def simplify(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enha
             mlp = _without_asymmetry(trunk.mlp, brdf.model, brdf.inputs, trunk.slots[0])
             trunk = dataclasses.replace(trunk, mlp=mlp)
     gone = set(brdf.model.graph.slots) - set(graph.slots)
-    distilled = (c.without(gone, ASYMMETRIC if "asymmetry" in left_out else ()) for c in brdf.distilled)
+    kept = (c.without(gone, ASYMMETRIC if "asymmetry" in left_out else ()) for c in brdf.distilled)
     model = dataclasses.replace(brdf.model, graph=graph)
-    distilled = tuple(c for c in distilled if c)
+    distilled = tuple(c for c in kept if c)
     result = dataclasses.replace(brdf, model=model, modules=modules, trunk=trunk, distilled=distilled)
     return result, frozenset(left_out)
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from . import mlp
 from .baked import _head, _leaky
 from .mlp import MLP
 

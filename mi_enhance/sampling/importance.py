@@ -8,6 +8,7 @@ The cosine is that of the surface, which the integrand has, not that of a tilted
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -59,10 +60,11 @@ def sample(
     # One distribution whose roughness is that of the lobe drawn: its code stands in the kernel once.
     _, a_x, a_y = lobes[0]
     first, share = mi.Float(0), shares[0]  # where the interval of the lobe in sample1 begins, and its length
-    back = mi.Bool(isinstance(lobes[0], AroundBack))
+    back: Any = mi.Mask(isinstance(lobes[0], AroundBack))  # type: ignore[operator]
     for lobe, own in zip(lobes[1:], shares[1:], strict=True):
         later, (_, b_x, b_y) = sample1 >= first + share, lobe
-        back = dr.select(later, mi.Bool(isinstance(lobe, AroundBack)), back)
+        around = mi.Mask(isinstance(lobe, AroundBack))  # type: ignore[operator]
+        back = dr.select(later, around, back)
         a_x, a_y, first, share = (
             dr.select(later, *v) for v in ((b_x, a_x), (b_y, a_y), (first + share, first), (own, share))
         )

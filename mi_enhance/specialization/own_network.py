@@ -7,18 +7,20 @@ first, then on more, until the error on samples that were not learned stops fall
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..analytic import parameters
 from ..analytic.graph import Node
 from ..data.measurements import Measurements
+from ..material.colour_normalization import normalize
 from ..material.material import Material
 from ..neural import inputs as inputs_module
 from ..neural.distilled_network import DistilledNetwork
 from ..numerics import levenberg_marquardt
+from ..sampling import albedo
+from ..sampling.mixture_fit import fit_mixture
 from ..system.progress import Callback, Progress, silent
 from . import distillation
 from .own_problem import OwnProblem
@@ -26,9 +28,11 @@ from .own_problem import OwnProblem
 # The logarithm of the ratio of the cosines adds little to their difference.
 _INPUTS = tuple(name for name in inputs_module.NAMES if name != "log_ratio")
 _SEEDS, _FEW = 3, 2048  # first weights that are tried, on how many samples
-_STAGES = ((2048, 15), (4096, 20), (12288, 25), (32768, 25), (1 << 17, 15))  # samples, most steps
+_STAGES = ((2048, 15), (4096, 15), (12288, 25), (32768, 20), (1 << 17, 10))  # samples, most steps
 _UNSEEN = 8192  # samples that are not learned; they decide when to stop
-_ENOUGH = 2e-3  # a share of the error on them: a stage that gains less is the last
+# A feature that varies by less, as the azimuth where both roughnesses are equal, is not blown up.
+_MIN_SPREAD = 0.05
+_ENOUGH, _LAST = 2e-3, 1 << 15  # a share of the error on them: a stage of so many samples that gains less is the last
 # Roughnesses this close, and a normal tilted this little (radians), are measurement noise: the material is isotropic,
 # and saves the inputs that depend on the azimuth.
 _SAME_ROUGHNESS, _NO_TILT = 0.05, 0.01
@@ -36,10 +40,12 @@ _SAME_ROUGHNESS, _NO_TILT = 0.05, 0.01
 
 def own_network(
     material: Material,
-    measurements: Measurements,
+    seen: Measurements,
+    unseen: Measurements,
     hidden: Sequence[int] = (8, 8),
     *,
     reciprocal: bool = False,
+    hold: bool = False,
     seed: int = 0,
     progress: Callback = silent,
 ) -> tuple[Material, float]:
@@ -48,28 +54,26 @@ def own_network(
     Parameters
     ----------
     material : Material
-        Fitted to `measurements`: its analytic parameters are where these start.
-    measurements : Measurements
-        A tenth, at most 8,192, are not learned.
+        Fitted to the measurements: its analytic parameters are where these start.
+    seen, unseen : Measurements
+        What is learned, in random order, and what decides when to stop; see :func:`divided`.
     hidden : sequence of int
         Units of the layers.
     reciprocal : bool
         Give the network nothing by which it could tell viewer from light.
+    hold : bool
+        Leave the analytic parameters as they are.
     seed : int
-        Of the order of the samples and of first weights.
+        Of first weights.
     progress : callable
         Hears of every step.
     """
-    rng = np.random.default_rng(seed)
-    order = rng.permutation(len(measurements.f))
-    n_unseen = min(_UNSEEN, len(order) // 10)
-    seen, unseen = measurements_at(measurements, order[n_unseen:]), measurements_at(measurements, order[:n_unseen])
-    start = _isotropic(material) if _is_isotropic(material) else material
-    make = _problems(start, hidden, reciprocal)
+    start = _isotropic(material) if _is_isotropic(material) and not hold else material
+    make = _problems(start, hidden, reciprocal, hold)
     few = make(seen, _FEW)
     low, high = few.box()
     trials = [few.first(np.random.default_rng((seed, k))) for k in range(_SEEDS)]
-    best, judge = None, make(unseen, n_unseen)
+    best, judge = None, make(unseen, len(unseen.f))
     for n, steps in _STAGES:
         problem = make(seen, n)
         found = []
@@ -82,20 +86,31 @@ def own_network(
         u = min(found, key=lambda pair: pair[1][0])[0][0]
         error = float(judge.loss(u[None])[0])
         progress(Progress(f"network {'-'.join(map(str, hidden))}, {n} samples", 1, 1, {"error": error}))
-        if best is not None and error > best[1] * (1 - _ENOUGH):
+        if best is not None and n >= _LAST and error > best[1] * (1 - _ENOUGH):
             break
-        best = u, error
+        best = (u, error) if best is None or error < best[1] else best
         trials = [u]
         if n >= len(seen.f):
             break
     assert best is not None
-    return _material(material, start, judge, best[0]), best[1]
+    return _material(material, judge, best[0]), best[1]
 
 
-def measurements_at(measurements: Measurements, index: np.ndarray) -> Measurements:
-    """Return some of the measurements."""
+def divided(measurements: Measurements, seed: int) -> tuple[Measurements, Measurements]:
+    """Return measurements in random order in two parts: to learn, and a tenth, at most 8,192, to judge by."""
+    order = np.random.default_rng(seed).permutation(len(measurements.f))
+    n = min(_UNSEEN, len(order) // 10)
+    m = measurements
+    unseen, seen = (dataclasses.replace(m, wi=m.wi[k], wo=m.wo[k], f=m.f[k]) for k in (order[:n], order[n:]))
+    return seen, unseen
+
+
+def finished(material: Material) -> Material:
+    """Return a material whose parameters have moved with colours that mean what they say, and sampled as it is now."""
+    material = normalize(material)
+    params = material.as_drjit()
     return dataclasses.replace(
-        measurements, wi=measurements.wi[index], wo=measurements.wo[index], f=measurements.f[index]
+        material, lobe_albedo=albedo.lobe_albedo(material.brdf, params), mixture=fit_mixture(material.brdf, params)
     )
 
 
@@ -139,7 +154,9 @@ def _isotropic(material: Material) -> Material:
     return dataclasses.replace(material, params={**p, **values})
 
 
-def _problems(material: Material, hidden: Sequence[int], reciprocal: bool):
+def _problems(
+    material: Material, hidden: Sequence[int], reciprocal: bool, hold: bool
+) -> Callable[[Measurements, int], OwnProblem]:
     """Return a function that makes the problem of the first `n` samples."""
     brdf, isotropic = material.brdf, _is_isotropic(material)
     params = (*brdf.model.parameters, parameters.ASYMMETRY)
@@ -148,20 +165,16 @@ def _problems(material: Material, hidden: Sequence[int], reciprocal: bool):
     inputs = [name for name in _INPUTS if not (isotropic and "azimuth" in name)]
     if not values["asymmetry"].any():
         inputs = [name for name in inputs if name not in inputs_module.ASYMMETRIC]
-    moving = _moving(params, isotropic)
-    free = None
-    scale: list[Any] = [np.zeros(len(inputs)), np.ones(len(inputs))]
+    moving = np.zeros((parameters.count(params), 0)) if hold else _moving(params, isotropic)
+    slots, scale = slots_of(brdf.model.graph), (np.zeros(len(inputs)), np.ones(len(inputs)))
 
     def make(m: Measurements, n: int) -> OwnProblem:
-        nonlocal free
-        problem = OwnProblem(brdf.model, slots_of(brdf.model.graph), inputs, hidden, m.wi[:n], m.wo[:n], m.f[:n],
-                             values, moving, *scale)  # fmt: skip
-        if free is None:
-            x = problem.inputs_at_start()
-            scale[:] = [x.mean(0), x.std(0) + 1e-3]  # 1e-3: a feature that does not vary
-            free = True
-            return make(m, n)
-        return problem
+        nonlocal scale
+        known = (brdf.model, slots, inputs, hidden, m.wi[:n], m.wo[:n], m.f[:n], values, moving)
+        if not scale[0].any():  # the first samples say what is standard
+            x = OwnProblem(*known, *scale).inputs_at_start()
+            scale = x.mean(0), np.maximum(x.std(0), _MIN_SPREAD)
+        return OwnProblem(*known, *scale)
 
     return make
 
@@ -181,7 +194,7 @@ def _moving(params: Sequence[parameters.Parameter], isotropic: bool) -> np.ndarr
     return np.array(columns).T
 
 
-def _material(material: Material, start: Material, problem: OwnProblem, u: np.ndarray) -> Material:
+def _material(material: Material, problem: OwnProblem, u: np.ndarray) -> Material:
     """Return the material with the network that the unknowns say."""
     free, layers = problem.split(u)
     values = parameters.unflatten(problem.parameters, problem.space.to_physical(free))
@@ -190,4 +203,4 @@ def _material(material: Material, start: Material, problem: OwnProblem, u: np.nd
     brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs="shape")
     params = {p.name: values[p.name] if p.name in values else material.params[p.name] for p in brdf.parameters}
     exact = material.params if material.brdf.networks else None
-    return dataclasses.replace(material, brdf=brdf, params=params, exact=exact)
+    return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact)

@@ -89,7 +89,7 @@ class OwnProblem:
         """Return the bounds of the unknowns."""
         q = self.moving.shape[1]
         low, high = np.full(self.n_unknowns, -_LARGEST_WEIGHT), np.full(self.n_unknowns, _LARGEST_WEIGHT)
-        at = self.moving.argmax(0)
+        at = self.moving.argmax(0) if q else np.zeros(0, int)
         low[:q], high[:q] = (self.space.low - self.values)[at], (self.space.high - self.values)[at]
         return low, high
 
@@ -123,7 +123,8 @@ class OwnProblem:
         functions = {}
         for k, slot in enumerate(self.slots):
             factor = mi.Color3f(*(dr.exp(dr.clip(v, -MAX_LOG, MAX_LOG)) for v in logs[3 * k : 3 * k + 3]))
-            functions[slot] = lambda r, node=self.model.graph.find(slot), factor=factor: node(r) * factor
+            node = self.model.graph.find(slot)
+            functions[slot] = lambda r, node=node, factor=factor: node(r) * factor
         return mi.Color3f(self.model.graph.replace(functions)(record)) & above
 
     def _x(self, features) -> np.ndarray:

@@ -63,7 +63,9 @@ def demo_data(name: str) -> Path:
     return _find(_PACKAGE / "bundled/rgl", name, "demo_data()")
 
 
-DEFAULT_NETWORK = "ggx2"  # the shipped one that is used where none is named
+# The shipped networks that are used where none is named: for one material, and where hundreds of numbers for each are
+# too many (surfaces and photographs).
+DEFAULT_NETWORK, SURFACE_NETWORK = "ggx2_rgb", "ggx2"
 
 
 def network_file(name: str) -> Path:

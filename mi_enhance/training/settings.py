@@ -25,8 +25,8 @@ class TrainingSettings(Settings):
     inputs : str
         What the modules see, see :mod:`mi_enhance.neural.inputs`.
     read_out : str or None
-        ``"rgb"`` or ``"scalar"``: the slots share one trunk of the sizes `hidden`, which materials read out by weights of
-        their own; None: every slot has a module.
+        ``"rgb"`` or ``"scalar"``: the slots share one trunk of the sizes `hidden`, which materials read out by weights
+        of their own; None: every slot has a module.
     modulated : bool
         The last layer of a module belongs to the material.
     n_latent : int

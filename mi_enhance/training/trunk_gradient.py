@@ -118,7 +118,7 @@ class TrunkGradient:
         return columns.pack(self._units(wi, wo, params, folded))
 
     def _trace_middle(self, flat, y, data, index, counts):
-        """Return the loss per material, and the gradients of the parameters outside of the trunk and of the logarithms."""
+        """Return the loss per material, and the gradients of the parameters outside of the trunk and of the logs."""
         wi, wo = _directions(data, index)
         f = [dr.gather(mi.Float, row, index) for row in data[6:]]
         flat = mi.Float(dr.detach(flat))  # its own gradients: the caller's array is the input of another kernel, too

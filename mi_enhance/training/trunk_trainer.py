@@ -70,7 +70,9 @@ class TrunkTrainer(Trainer):
         """Take one step and return the loss of every material before it."""
         weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
         read = self._read_outs()
-        loss, params, read_gradient = self._gradient(weights, flat, read, self._data, self._indices(self.step), self._importance())
+        loss, params, read_gradient = self._gradient(
+            weights, flat, read, self._data, self._indices(self.step), self._importance()
+        )
         read_gradient = read_gradient + (2 * _RIDGE / read.size) * read
         steps = self.settings.steps
         fall = cosine_decay(self.step, steps, warm_up=min(_WARM_UP, max(1, steps // 4)))
