@@ -18,11 +18,11 @@ def add(subparsers: arguments.Subparsers) -> None:
     arguments.add_variant(p)
     arguments.add_output_file(p, "MAT.bsdf", "the material")
     p.add_argument(
-        "--network",
-        choices=("best", "own", "shared"),
-        default="best",
-        help="a small network of its own, which renders as fast as GGX: if it is better on samples that it did not see, "
-        "always, or never (default: best)",
+        "--own-network",
+        choices=("auto", "always", "never"),
+        default="auto",
+        help="give the material a small network of its own, which renders as fast as GGX: if it is better on samples "
+        "that it did not see, always, or never (default: auto)",
     )
     p.add_argument("--reciprocal", action="store_true", help="f(wi, wo) = f(wo, wi), even where the file is not")
     p.add_argument(
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> dict:
         if args.method == "rmsprop":  # the paper's recipe, of the shared network
             material = fit(model, measurements, method=args.method, **how)
         else:
-            material = fit_best(model, measurements, network=args.network, **how)
+            material = fit_best(model, measurements, own=args.own_network, **how)
     material.save(made(output))
     print(f"{material.show()}\n{output}")
     return {**material.report, "output": str(output)}

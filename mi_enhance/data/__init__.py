@@ -6,9 +6,10 @@ section 6 of the paper does (``directions.py``).
 """
 
 from ..system.modules import submodules
+from .functions import function_of
 from .loading import load, names, save_table
 from .measurements import Measurements, clamp_negative
 
-__all__ = ["Measurements", "clamp_negative", "load", "names", "save_table"]
+__all__ = ["Measurements", "clamp_negative", "function_of", "load", "names", "save_table"]
 
 __getattr__ = submodules(__name__)

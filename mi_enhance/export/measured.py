@@ -138,7 +138,7 @@ def write_csv(
     }
 
 
-exporter(".npz", about="the same, smaller", measured=True)(write_csv)
+exporter(".npz", about="the same table as NumPy arrays", measured=True)(write_csv)
 
 
 def opened(source: Material | str | Path, material: str) -> tuple[Function, str, dict[str, Any]]:

@@ -22,7 +22,7 @@ def fit_best(
     material: Material,
     measurements: Measurements,
     *,
-    network: Literal["best", "own", "shared"] = "best",
+    own: Literal["auto", "always", "never"] = "auto",
     size: int = 8,
     reciprocal: bool = False,
     bound_energy: bool = False,
@@ -36,9 +36,9 @@ def fit_best(
     material : Material
         A network with a trunk (``Material.pretrained()``); any other, and an analytic model, is only fitted.
     measurements : Measurements
-    network : {"best", "own", "shared"}
-        A small network of its own, which renders as fast as GGX, if it is better on samples that were not learned;
-        always; or never.
+    own : {"auto", "always", "never"}
+        A small network of its own, which renders as fast as GGX: if it is better on samples that were not learned,
+        always, or never.
     size : int
         Hidden units of both layers of that network.
     reciprocal, bound_energy, seed, progress
@@ -52,14 +52,14 @@ def fit_best(
     Raises
     ------
     ValueError
-        For another `network`, or `size` not in 1 to 64.
+        For another `own`, or `size` not in 1 to 64.
 
     Examples
     --------
     >>> gold = fit_best(Material.pretrained(), measurements)  # doctest: +SKIP
     """
-    if network not in ("best", "own", "shared"):
-        raise ValueError(f'fit_best(): network "{network}" is unknown. Choose one of: best, own, shared.')
+    if own not in ("auto", "always", "never"):
+        raise ValueError(f'fit_best(): own "{own}" is unknown. Choose one of: auto, always, never.')
     if not 1 <= size <= 64:
         raise ValueError(f"fit_best(): size must be in 1 to 64 hidden units; got {size}.")
     start = time.perf_counter()
@@ -67,9 +67,9 @@ def fit_best(
     n, coverage = len(measurements.f), library_prior.coverage(measurements.wi, measurements.wo)
     if not shared.brdf.trunk:
         return with_bounded_energy(shared, measurements) if bound_energy else shared
-    if network == "shared":
+    if own == "never":
         chosen = "shared network: asked for"
-    elif network == "best" and (n < _MIN_SAMPLES or coverage < _MIN_COVERAGE):
+    elif own == "auto" and (n < _MIN_SAMPLES or coverage < _MIN_COVERAGE):
         chosen = (
             f"shared network: {n} samples from {coverage:.0%} of the half and difference angles; "
             f"one of its own is tried from {_MIN_SAMPLES} and {_MIN_COVERAGE:.0%}"
@@ -77,15 +77,15 @@ def fit_best(
     else:
         seen, unseen = divided(measurements, seed)
         error = log_l1(shared.evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
-        own, own_error = own_network(
+        found, own_error = own_network(
             shared, seen, unseen, (size, size), reciprocal=reciprocal, seed=seed, progress=progress
         )
         errors = f"error on unseen samples {own_error:.5f}, of the shared network {error:.5f}"
-        if network == "own" or own_error < error:
+        if own == "always" or own_error < error:
             chosen = f"own network {size}-{size}: {errors}"
-            f = own.evaluate(measurements.wi, measurements.wo)
+            f = found.evaluate(measurements.wi, measurements.wo)
             loss = log_l1(f, measurements.f, measurements.wo[:, 2])
-            shared = finished(dataclasses.replace(own, report={**shared.report, "log_l1": loss}))
+            shared = finished(dataclasses.replace(found, report={**shared.report, "log_l1": loss}))
         else:
             chosen = f"shared network: an own one of {size}-{size} is worse: {errors}"
     report = {**shared.report, "chosen": chosen, "seconds": time.perf_counter() - start}

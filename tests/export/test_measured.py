@@ -71,6 +71,24 @@ def test_a_material_that_is_nearly_isotropic_is_written_as_the_mean_of_its_azimu
     assert write_bsdf(m, tmp_path / "x.bsdf")["symmetry"] == "isotropic"
 
 
+@pytest.mark.parametrize(
+    "values",
+    [{"rho_d": 0, "rho_s": 0}, {"rho_d": 0, "alpha_x": 1e-4, "alpha_y": 1e-4}, {"alpha_x": 1e-3, "alpha_y": 1.0}],
+    ids=["black", "mirror", "hair"],
+)
+def test_extremes_are_files_that_can_be_read_and_sampled(llvm, tmp_path, values):
+    path = tmp_path / "x.bsdf"
+    facts = write_bsdf(ggx(**values), path)
+    assert np.isfinite(facts["log_l1"])
+    assert data.load(path, n_samples=500).clamped_fraction == 0  # our reader checks every number
+    si = mi.SurfaceInteraction3f()
+    si.wi = mi.Vector3f(0.6, 0, 0.8)
+    u = np.random.default_rng(0).random((3, 2000))
+    bsdf = mi.load_dict({"type": "measured", "filename": str(path)})
+    bs, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(u[0]), mi.Point2f(u[1:]))
+    assert np.isfinite(np.array(weight)).all() and (np.array(bs.pdf) >= 0).all() and np.array(bs.pdf).max() > 0
+
+
 def test_stock_mitsuba_samples_the_file_as_it_says(llvm, tmp_path):
     """Weight times density is the value, and the mean weight the albedo."""
     m = ggx(**ISOTROPIC)

@@ -105,7 +105,7 @@ def test_best_is_chosen_on_samples_that_were_not_learned(llvm, tmp_path):
     assert m.report["chosen"].startswith("own network 6-6") and m.brdf.distilled
     m.save(tmp_path / "best.bsdf")
     back = Material.load(tmp_path / "best.bsdf").unspecialized
-    shared = fit_best(network, truth(), network="shared")
+    shared = fit_best(network, truth(), own="never")
     wi, wo = sample_pairs(500, seed=5)
     np.testing.assert_allclose(back.evaluate(wi, wo), shared.evaluate(wi, wo), rtol=1e-4, atol=1e-6)
     assert "asked for" in shared.report["chosen"] and not shared.brdf.distilled
@@ -118,9 +118,7 @@ def test_few_samples_keep_the_shared_network(llvm):
     assert "400 samples" in fit_best(network, few).report["chosen"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"), [({"network": "big"}, "best, own, shared"), ({"size": 0}, "1 to 64")]
-)
+@pytest.mark.parametrize(("arguments", "message"), [({"own": "big"}, "auto, always, never"), ({"size": 0}, "1 to 64")])
 def test_wrong_arguments_say_what_is_allowed(llvm, arguments, message):
     with pytest.raises(ValueError, match=message):
         fit_best(start(), truth(), **arguments)
@@ -129,7 +127,7 @@ def test_wrong_arguments_say_what_is_allowed(llvm, arguments, message):
 @pytest.mark.slow
 def test_a_shared_network_is_learned_without_measurements(llvm):
     """Colours and roughnesses stay; the error is the one that the report states."""
-    shared = fit_best(Material(with_trunk("ggx2", hidden=(8, 8, 8)), {}), truth(), network="shared")
+    shared = fit_best(Material(with_trunk("ggx2", hidden=(8, 8, 8)), {}), truth(), own="never")
     fast = specialize(shared, size=8)
     wi, wo = sample_pairs(4000, seed=6)
     error = log_l1(fast.evaluate(wi, wo), shared.evaluate(wi, wo), wo[:, 2])
