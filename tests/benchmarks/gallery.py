@@ -18,15 +18,16 @@ import mi_enhance as me
 import mitsuba as mi  # isort: skip
 from mi_enhance.output.figure import sheet
 from mi_enhance.output.srgb import encode_srgb
+from mi_enhance.system.bundled_files import DEFAULT_NETWORK
 
 BUNDLED = Path(me.__file__).parent / "bundled/rgl"
 COLUMNS = ("measured", "enhanced", "GGX", "error of enhanced", "error of GGX")
 
 
-def row(path: Path, resolution: int, spp: int, n_samples: int) -> dict:
+def row(path: Path, network: str, resolution: int, spp: int, n_samples: int) -> dict:
     """Renders of one material, and the errors of each pixel."""
     samples = me.data.load(path, n_samples=n_samples)
-    fits = {"enhanced": me.Material.pretrained(), "GGX": me.Material.analytic("ggx")}
+    fits = {"enhanced": me.Material.pretrained(network), "GGX": me.Material.analytic("ggx")}
     bsdfs: dict = {"measured": {"type": "measured", "filename": str(path)}}
     bsdfs |= {name: me.fit(start, samples).bsdf() for name, start in fits.items()}
     images = {
@@ -40,6 +41,7 @@ def row(path: Path, resolution: int, spp: int, n_samples: int) -> dict:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("-m", "--model", default=DEFAULT_NETWORK, help="the shipped network to fit")
     parser.add_argument("-o", "--output", default="out/gallery.png")
     parser.add_argument("--resolution", type=int, default=128)
     parser.add_argument("--spp", type=int, default=64)
@@ -48,7 +50,7 @@ def main() -> None:
     mi.set_variant("llvm_ad_rgb")
     rows = []
     for path in args.files or sorted(BUNDLED.glob("*.bsdf")):
-        rows.append(row(path, args.resolution, args.spp, args.samples))
+        rows.append(row(path, args.model, args.resolution, args.spp, args.samples))
         errors = [1000 * float(rows[-1][name].mean()) for name in COLUMNS[3:]]
         print(f"{rows[-1]['name']}: 1000 x Delta E ITP {errors[0]:.2f} enhanced, {errors[1]:.2f} GGX", flush=True)
     top = float(np.percentile([r[name] for r in rows for name in COLUMNS[3:]], 99.5))
