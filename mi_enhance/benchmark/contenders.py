@@ -24,11 +24,12 @@ from ..system.bundled_files import DEFAULT_NETWORK
 from ..system.cache import cached
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
-from . import mitsuba_bsdfs, nbrdf, residual_network
+from . import hybrid_fit, mitsuba_bsdfs, nbrdf, residual_network
 
 REFERENCE = "GGX in Python"
 ANALYTIC = {"Ward": "ward", "Cook-Torrance": "cook_torrance", "Low's ABC": "abc"}  # models of ours, fitted like GGX
 NBRDF = "NBRDF"
+HYBRID = "hybrid of 2026, trained by us"
 EXACT = "enhanced, exact"
 _PAPER = "the paper's network"
 _NETWORKS = {"enhanced, small network": "ggx2_small", "enhanced ggx": "ggx", _PAPER: "paper"}
@@ -129,6 +130,10 @@ def contenders(
     def trained_nbrdf() -> Contender:
         return _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), analytic("ggx"))
 
+    def hybrid() -> Contender:
+        write = lambda path: _fit_hybrid(path, Material.load(analytic("ggx")), measurements, seed)  # noqa: E731
+        return _hybrid(kept("hybrid", "npz", write), analytic("ggx"))
+
     recipes: dict[str, Callable[[], Contender]] = {
         label: functools.partial(lambda name: _ours(analytic(name)), name)
         for label, name in {REFERENCE: "ggx", **ANALYTIC}.items()
@@ -147,6 +152,7 @@ def contenders(
     recipes |= {
         f"{_PAPER}, cooperative": lambda: _ours(network(_NETWORKS[_PAPER]), evaluators="cooperative"),
         NBRDF: trained_nbrdf,
+        HYBRID: hybrid,
         "GGX and a residual network": residual,
     }
     if truth:
@@ -211,6 +217,14 @@ def _load_residual(spec: dict) -> mi.BSDF:
     return function_bsdf(residual_network.residual_function(lobe, _layers(spec["network"])), lobe)
 
 
+def _load_hybrid(spec: dict) -> mi.BSDF:
+    from ..bsdfs.function import function_bsdf
+
+    with np.load(spec["numbers"], allow_pickle=False) as stored:
+        f = hybrid_fit.hybrid_function(hybrid_fit.read_network()[0], stored["u"])
+    return function_bsdf(f, Material.load(spec["lobe"]))
+
+
 def _layers(file: str) -> list:
     with np.load(file, allow_pickle=False) as stored:
         return [(stored[f"W{k}"], stored[f"b{k}"]) for k in range((len(stored.files) - 1) // 2)]
@@ -253,6 +267,19 @@ def _nbrdf(file: Path, lobe: Path) -> Contender:
         n, products = (sum(stored[k].size for k in stored if k[0] in first) for first in ("Wb", "W"))
     spec = {"type": "nbrdf", "network": str(file), "lobe": str(lobe)}
     return Contender(_load_nbrdf, spec, 4 * n, 0, products, seconds)
+
+
+def _fit_hybrid(path: Path, lobe: Material, measurements: Measurements, seed: int) -> None:
+    u, seconds = hybrid_fit.fit_hybrid(lobe, measurements, seed=seed)
+    np.savez(path, u=u, seconds=seconds + lobe.report["seconds"])
+
+
+def _hybrid(file: Path, lobe: Path) -> Contender:
+    with np.load(file, allow_pickle=False) as stored:
+        seconds = float(stored["seconds"])
+    spec = {"type": "hybrid", "numbers": str(file), "lobe": str(lobe)}
+    own, shared = 4 * hybrid_fit.N_NUMBERS, 4 * hybrid_fit.N_WEIGHTS
+    return Contender(_load_hybrid, spec, own, shared, hybrid_fit.MULTIPLY_ADDS, seconds)
 
 
 def _train_residual(path: Path, lobe: Material, measurements: Measurements, seed: int) -> None:
