@@ -16,7 +16,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..data.loading import kind_of, load
+from ..data.loading import is_scattered, load
 from ..data.measurements import Measurements, split
 from ..evaluation import scenes
 from ..evaluation.truth import rendered_truth
@@ -182,7 +182,7 @@ def bench(
 
 def _samples(path: str | Path, n: int, seed: int, material: str | None) -> tuple[Measurements, Measurements]:
     """Return samples to fit to, and others to measure errors on; of a table a fifth of its rows is kept aside."""
-    if kind_of(path) == "table":
+    if is_scattered(path):
         measured = load(path, n_samples=n, seed=seed)
         return split(measured, min(_UNSEEN, len(measured.f) // 5), seed)
     pair = [load(path, n_samples=m, seed=seed + k, material=material) for k, m in enumerate((n, _UNSEEN))]

@@ -5,8 +5,11 @@ source into `wo` and `wi` (the conventions are on top of ``analytic/geometry.py`
 section 6 of the paper does (``directions.py``).
 """
 
+from ..system.modules import submodules
 from .functions import function_of
 from .loading import load, names, save_table
 from .measurements import Measurements, clamp_negative
 
 __all__ = ["Measurements", "clamp_negative", "function_of", "load", "names", "save_table"]
+
+__getattr__ = submodules(__name__)
