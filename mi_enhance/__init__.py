@@ -44,6 +44,7 @@ _PUBLIC = {
     "shader_ball": "evaluation.scenes",
     "specialize": "specialization.specialize",
     "train": "training.train",
+    "view": "export.viewer",
     "write_views": "images.view_files",
 }
 _MODULES = {

@@ -10,7 +10,7 @@ import functools
 import json
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -24,31 +24,16 @@ from ..system.bundled_files import DEFAULT_NETWORK
 from ..system.cache import cached
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
-from . import hybrid_fit, mitsuba_bsdfs, nbrdf, residual_network
+from . import mitsuba_bsdfs, nbrdf, residual_network
+from .contender import Contender
+from .hybrid_contender import HYBRID, fit_to_file, hybrid_of_file
 
 REFERENCE = "GGX in Python"
 ANALYTIC = {"Ward": "ward", "Cook-Torrance": "cook_torrance", "Low's ABC": "abc"}  # models of ours, fitted like GGX
 NBRDF = "NBRDF"
-HYBRID = "hybrid of 2026, trained by us"
 EXACT = "enhanced, exact"
 _PAPER = "the paper's network"
 _NETWORKS = {"enhanced, small network": "ggx2_small", "enhanced ggx": "ggx", _PAPER: "paper"}
-
-
-class Contender(NamedTuple):
-    """A model that was fitted to one material."""
-
-    make: Callable  # (spec) -> mi.BSDF, a function of this module
-    spec: dict  # JSON
-    n_bytes: int  # that belong to this material alone
-    shared_bytes: int  # of the networks that all materials have in common
-    multiply_adds: int  # of all networks in one evaluation
-    seconds: float | None  # of the fit and all that followed it
-    can_be_textured: bool = False
-
-    def bsdf(self) -> mi.BSDF:
-        """The BSDF, of the active variant."""
-        return self.make(self.spec)
 
 
 def contenders(
@@ -131,8 +116,8 @@ def contenders(
         return _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), analytic("ggx"))
 
     def hybrid() -> Contender:
-        write = lambda path: _fit_hybrid(path, Material.load(analytic("ggx")), measurements, seed)  # noqa: E731
-        return _hybrid(kept("hybrid", "npz", write), analytic("ggx"))
+        write = lambda path: fit_to_file(path, Material.load(analytic("ggx")), measurements, seed)  # noqa: E731
+        return hybrid_of_file(kept("hybrid", "npz", write), analytic("ggx"))
 
     recipes: dict[str, Callable[[], Contender]] = {
         label: functools.partial(lambda name: _ours(analytic(name)), name)
@@ -217,14 +202,6 @@ def _load_residual(spec: dict) -> mi.BSDF:
     return function_bsdf(residual_network.residual_function(lobe, _layers(spec["network"])), lobe)
 
 
-def _load_hybrid(spec: dict) -> mi.BSDF:
-    from ..bsdfs.function import function_bsdf
-
-    with np.load(spec["numbers"], allow_pickle=False) as stored:
-        f = hybrid_fit.hybrid_function(hybrid_fit.read_network()[0], stored["u"])
-    return function_bsdf(f, Material.load(spec["lobe"]))
-
-
 def _layers(file: str) -> list:
     with np.load(file, allow_pickle=False) as stored:
         return [(stored[f"W{k}"], stored[f"b{k}"]) for k in range((len(stored.files) - 1) // 2)]
@@ -267,19 +244,6 @@ def _nbrdf(file: Path, lobe: Path) -> Contender:
         n, products = (sum(stored[k].size for k in stored if k[0] in first) for first in ("Wb", "W"))
     spec = {"type": "nbrdf", "network": str(file), "lobe": str(lobe)}
     return Contender(_load_nbrdf, spec, 4 * n, 0, products, seconds)
-
-
-def _fit_hybrid(path: Path, lobe: Material, measurements: Measurements, seed: int) -> None:
-    u, seconds = hybrid_fit.fit_hybrid(lobe, measurements, seed=seed)
-    np.savez(path, u=u, seconds=seconds + lobe.report["seconds"])
-
-
-def _hybrid(file: Path, lobe: Path) -> Contender:
-    with np.load(file, allow_pickle=False) as stored:
-        seconds = float(stored["seconds"])
-    spec = {"type": "hybrid", "numbers": str(file), "lobe": str(lobe)}
-    own, shared = 4 * hybrid_fit.N_NUMBERS, 4 * hybrid_fit.N_WEIGHTS
-    return Contender(_load_hybrid, spec, own, shared, hybrid_fit.MULTIPLY_ADDS, seconds)
 
 
 def _train_residual(path: Path, lobe: Material, measurements: Measurements, seed: int) -> None:

@@ -14,8 +14,9 @@ from ..material.material import Material
 from ..output.figure import sheet
 from ..system.files import material_name, replacing
 from ..system.progress import Callback, silent
-from .contenders import ANALYTIC, EXACT, HYBRID, NBRDF, REFERENCE, contenders
+from .contenders import ANALYTIC, EXACT, NBRDF, REFERENCE, contenders
 from .errors import TRUTH, rendered_errors
+from .hybrid_contender import HYBRID
 
 NAMES = {
     EXACT: "enhanced",

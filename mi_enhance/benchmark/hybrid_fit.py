@@ -23,6 +23,7 @@ N_NUMBERS = len(LOW)
 N_WEIGHTS = sum(int(np.prod(shape)) for shape in SHAPES.values())
 # what the first layer makes of the latent numbers is a constant of the material
 MULTIPLY_ADDS = sum(int(np.prod(SHAPES[name])) for name in ("W1", "W2", "W3")) - 4 * 32
+_OF_GGX = ("rho_d", "rho_s", "F0", "alpha_x", "alpha_y")
 _STARTS, _LOOK, _FIRST, _LAST = 5, 256, 1024, 8192  # training materials to start from; samples of each stage
 
 
@@ -63,16 +64,16 @@ def fit_hybrid(lobe: Material, measurements: Measurements, *, seed: int = 0) -> 
 
     batch, truth = samples(_LOOK)
     look = [np.abs(np.log1p(evaluate(network, batch, u[None]) * batch.cos) - truth).mean() for u in library]
-    p = lobe.params
-    ggx = start_from_ggx(p["rho_d"][None], p["rho_s"][None], np.atleast_2d(p["F0"]), _alphas(p)[None])[0]
-    starts = [ggx, *library[np.argsort(look)[:_STARTS]]]
+    starts = [start_of(lobe.params), *library[np.argsort(look)[:_STARTS]]]
     found = [_least_squares(network, *samples(_FIRST), u, 15) for u in starts]
     u, _ = _least_squares(network, *samples(_LAST), min(found, key=lambda pair: pair[1])[0], 30)
     return u, time.perf_counter() - begun
 
 
-def _alphas(params: Mapping) -> np.ndarray:
-    return np.array([float(np.ravel(params[name])[0]) for name in ("alpha_x", "alpha_y")])
+def start_of(params: Mapping) -> np.ndarray:
+    """Return the numbers (12,) that are nearest to the parameters of a GGX material."""
+    rho_d, rho_s, F0, alpha_x, alpha_y = (np.atleast_2d(params[k]) for k in _OF_GGX)
+    return start_from_ggx(rho_d, rho_s, F0, np.concatenate([alpha_x, alpha_y], 1))[0]
 
 
 def _least_squares(

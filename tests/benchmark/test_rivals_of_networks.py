@@ -9,6 +9,8 @@ from mi_enhance.bsdfs.function import function_bsdf
 import mi_enhance as me  # before mitsuba
 from mi_enhance import Material
 from mi_enhance.benchmark import hybrid, hybrid_fit, nlbrdf
+from mi_enhance.benchmark.contenders import REFERENCE, contenders
+from mi_enhance.benchmark.hybrid_contender import hybrids_of_files
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.data.loading import load
 from mi_enhance.data.reference_brdfs import ggx
@@ -92,6 +94,19 @@ def test_a_training_of_the_hybrid_goes_on_where_it_stopped(tmp_path):
         hybrid.train_hybrid(samples, start, tmp_path / "b.npz", steps=8, progress=stop)
     rest = hybrid.train_hybrid(samples, start, tmp_path / "b.npz", steps=8)
     assert all(np.array_equal(whole[0][k], rest[0][k]) for k in whole[0]) and np.array_equal(whole[1], rest[1])
+
+
+def test_one_network_for_all_files(llvm, tmp_path):
+    """Trained once, for a moment; each file has its own numbers, and starts at its own GGX."""
+    measured = [load(demo_data(f"{name}_rgb.bsdf"), n_samples=500) for name in ("satin_rosaline", "cc_ibiza_sunset")]
+    lobes = [contenders(None, m, tmp_path / m.name, only=[REFERENCE])[REFERENCE] for m in measured]
+    told = []
+    both = hybrids_of_files(lobes, measured, tmp_path, steps=5, progress=told.append)
+    again = hybrids_of_files(lobes, measured, tmp_path, steps=5, progress=told.append)
+    assert len(told) == 5 and both == again and both[0].spec != both[1].spec
+    f = [reflectance(c.bsdf(), m.wi, m.wo) for c, m in zip(both, measured, strict=True)]
+    errors = [[log_l1(v, m.f, m.wo[:, 2]) for m in measured] for v in f]
+    assert errors[0][0] < errors[0][1] and errors[1][1] < errors[1][0]
 
 
 def test_gradients_of_nlbrdf_are_those_of_its_loss(monkeypatch):
