@@ -16,12 +16,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ..data.image_files.colour_spaces import decode_srgb
+from ..data.image_files.photograph import Photograph, read_photograph, turned
 from ..output.srgb import encode_srgb
 from ..system.messages import shortened
 from .camera_entries import check_camera, check_same_for_all, intrinsics, merged, number, pose, unknown_entries
-from .colour_spaces import decode_srgb
 from .own_files import OwnFiles, inner_name
-from .photograph import Photograph, read_photograph, turned
 from .pose_file import FILE, pose_files, read_poses, splits
 from .views import View
 
