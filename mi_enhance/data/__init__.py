@@ -7,5 +7,6 @@ section 6 of the paper does (``directions.py``).
 
 from .loading import load, names, save_table
 from .measurements import Measurements, clamp_negative
+from .photometric_samples import photometric, photometric_texels
 
-__all__ = ["Measurements", "clamp_negative", "load", "names", "save_table"]
+__all__ = ["Measurements", "clamp_negative", "load", "names", "photometric", "photometric_texels", "save_table"]
