@@ -85,6 +85,6 @@ class Measure(NamedTuple):
         slope = 1 / ((dr.maximum(seen, 0) if self.kind == "log" else truth) + self.scale)
         # a share of the brightness: what is explained to within the noise pulls in proportion to its distance
         size = dr.abs(seen - truth) + _NEAR * (truth + self.scale)
-        free = (target.saturated & (seen >= truth)) | ~dr.isfinite(image)  # type: ignore[operator]  # of bool
+        free = (target.saturated & (seen >= truth)) | ~dr.isfinite(image)
         difference = dr.select(free, 0, image - truth)
         return dr.sum(0.5 * target.weight * slope / size * dr.square(difference), axis=None)

@@ -78,7 +78,7 @@ def _register(variant: str) -> None:
             index = mi.UInt32(column) + size[0] * mi.UInt32(row)
             o, corner, right, down, number = _rows(self.table, index, active)
             direction = dr.normalize(corner + (x - column) * right + (y - row) * down)
-            ray = mi.RayDifferential3f(mi.Point3f(o), direction, number, mi.Color0f())
+            ray: Any = mi.RayDifferential3f(mi.Point3f(o), direction, number, mi.Color0f())  # type: ignore[call-overload]
             ray.has_differentials = False
             return ray, mi.Color3f(1)
 
@@ -95,7 +95,7 @@ def _register(variant: str) -> None:
             place, intensity, axis, near, cutoff, slope, far = self._light(it, active)
             toward = place - near * mi.Vector3f(it.p)
             squared = dr.squared_norm(toward)
-            ds = mi.DirectionSample3f()
+            ds: Any = mi.DirectionSample3f()
             ds.d = toward * dr.rsqrt(squared)
             ds.dist = dr.select(near > 0, dr.sqrt(squared), far)
             ds.p = dr.fma(ds.d, ds.dist, it.p)

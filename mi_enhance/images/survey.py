@@ -82,7 +82,9 @@ def survey(views: Sequence[View], stages: Sequence[tuple[int, int, int]], n: int
     looks = RandomPixels(n, math.ceil(_SEEN_PIXELS * n_train / n), n_train, rng)
     numbers: dict[str, int] = {}
     lights: list[Light | None] = []
-    shown, empty, n_pixels = [], [], 0
+    shown: list[tuple[View, tuple[int, int]]] = []
+    empty: list[str] = []
+    n_pixels = 0
     for k, view in enumerate(views):
         _check(view, numbers)
         numbers[view.name] = k

@@ -90,13 +90,13 @@ def _target(views: list[View], numbers: Mapping[str, int]) -> Target:
 
 
 def _made(views, sensor, image, weight, saturated, number) -> Target:
-    tensors = [mi.TensorXf(evaluated(a), a.shape) for a in (image, weight)]
     is_saturated, numbers = evaluated(saturated) > 0.5, mi.UInt32(evaluated(np.repeat(number, 3)))
     dr.eval(is_saturated, numbers)  # or `dr.freeze` would record anew
     return Target(
         views,
         sensor,
-        *tensors,
+        mi.TensorXf(evaluated(image), image.shape),
+        mi.TensorXf(evaluated(weight), weight.shape),
         mi.TensorXb(is_saturated, saturated.shape),  # type: ignore[operator]  # a class, unknown to Mitsuba's stubs
         numbers,
     )
@@ -201,7 +201,7 @@ class RandomPixels:
         """Yield the pixels of iterations; each is valid until the next, unless they are to be kept."""
         for k in range(first, last):
             shape, owner = (self.n // WIDTH, WIDTH, 3), self._owner[k]
-            table = rays(self._cameras[owner], *self._place[k].T, self._numbers[owner])
+            table = rays(self._cameras[owner], self._place[k, :, 0], self._place[k, :, 1], self._numbers[owner])
             if self._sensor is None or keep:
                 self._sensor = pixel_camera(table, WIDTH, self.n // WIDTH)
             fill(self._sensor, table)
