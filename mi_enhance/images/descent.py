@@ -93,17 +93,15 @@ class Descent:
         """All unknowns, physical and flat."""
         return {u.key: u.space.to_physical(self._moved[u.key]) for u in self._all()}
 
-    def state(self) -> dict[str, np.ndarray]:
-        """Return what :meth:`restore` goes on from, as arrays by name."""
+    def state(self) -> dict[str, dict[str, np.ndarray]]:
+        """Return what :meth:`restore` goes on from: arrays by key of the unknowns, and counts."""
         counts = np.array([self._seed, self.nonfinite, self.nonfinite_pixels])
-        moved = {f"moved.{key}": value for key, value in self._moved.items()}
-        return {"counts": counts, **moved, **{f"adam.{key}": value for key, value in self._adam.state.items()}}
+        return {"moved": dict(self._moved), "adam": dict(self._adam.state), "counts": {"": counts}}
 
-    def restore(self, state: Mapping[str, np.ndarray]) -> None:
+    def restore(self, state: Mapping[str, Mapping[str, np.ndarray]]) -> None:
         """Go on where another descent in the same scene was."""
-        self._seed, self.nonfinite, self.nonfinite_pixels = (int(n) for n in state["counts"])
-        part = lambda start: {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}  # noqa: E731
-        self._moved, self._adam = part("moved."), Adam(part("adam."))
+        self._seed, self.nonfinite, self.nonfinite_pixels = (int(n) for n in state["counts"][""])
+        self._moved, self._adam = dict(state["moved"]), Adam(state["adam"])
         self._update(attach=False)
 
     def _all(self) -> tuple[Unknown, ...]:

@@ -14,6 +14,7 @@ from ..analytic.parameters import Parameter
 from ..material.colour_normalization import plain
 from ..material.material import Material
 from ..system.checks import positive_int
+from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import image_loss, pictures, targets, visibility
@@ -23,7 +24,7 @@ from .lit_scene import with_lights
 from .own_files import OwnFiles
 from .result import ImageFit, materials_of, result
 from .scene_materials import SceneMaterial, find
-from .schedule import TRIAL, Schedule
+from .schedule import TRIAL, Schedule, stable_names
 from .starts import candidates, with_best_colours
 from .survey import survey
 from .targets import Target
@@ -165,7 +166,9 @@ def fit_images(
     names = list(book.numbers)
     settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": int(max_depth), "seed": seed}
     settings |= {"pixels": pixels, "exposures": exposures}
-    same = {**settings, "views": names, "unknowns": [u.key for u in sought], "light_scale": light_scale}
+    begins = digest(*(descent.values()[u.key].tobytes() for u in sought))
+    places = [stable_names(descent)[u.key] for u in sought]
+    same = {**settings, "views": names, "light_scale": light_scale, "unknowns": places, "start": begins}
     schedule = Schedule(descent, book, stages, lr, same, Path(checkpoint) if checkpoint else None)
     if not schedule.resume():
         for text in visibility.warnings_of(descent, placed, book.looks, names, seed):

@@ -19,6 +19,7 @@ TRIAL = 25  # iterations of a start before the best is taken
 RECENT = 20  # iterations whose mean is the loss: one alone is a matter of chance
 _LATE = 0.2  # of the first stage's iterations without the latent numbers
 _LAST_RATE = 0.05  # learning rate at the end, as a share of that at the start
+_TIMED = 3  # iterations from which the time that is left is told
 _KEEP_EVERY = 20.0  # seconds between two states on disk
 
 Way = Mapping[str, np.ndarray]
@@ -33,6 +34,14 @@ class _Leg(NamedTuple):
     rates: list[float]
     late: int
     way: int | None  # the start it begins with; None: where the descent is, or the best of the starts
+
+
+def stable_names(descent: Descent) -> dict[str, str]:
+    """Return a name of every scene parameter that is the same in the next process.
+
+    Mitsuba's keys of a shape without an id hold its address.
+    """
+    return {key: str(k) for k, key in enumerate(descent.params.keys())}
 
 
 class Schedule:
@@ -73,13 +82,16 @@ class Schedule:
         if kept is None:
             return False
         about, arrays = kept
-        pick = lambda start: {k.removeprefix(start): v for k, v in arrays.items() if k.startswith(start)}  # noqa: E731
+        keys = {name: key for key, name in stable_names(self.descent).items()}
+        pick = lambda start: {  # noqa: E731
+            keys.get(own, own): v for k, v in arrays.items() for own in [k.removeprefix(start)] if k.startswith(start)
+        }
         self.ways = [pick(f"way{k}.") for k in range(about["ways"])]
         self.ends = [(loss, pick(f"end{k}.")) for k, loss in enumerate(about["ends"])]
         self.done, self.descent.curve = about["done"], about["curve"]
         for way in self.ways[:1]:
             self.descent.put(way)  # scene parameters that are no unknowns
-        self.descent.restore(pick("descent."))
+        self.descent.restore({part: pick(f"{part}.") for part in ("moved", "adam", "counts")})
         self.descent.start = time.perf_counter() - about["seconds"]
         return True
 
@@ -87,9 +99,11 @@ class Schedule:
         """Write the state."""
         if not self.path:
             return
-        arrays = {f"descent.{k}": v for k, v in self.descent.state().items()}
-        for name, several in (("way", self.ways), ("end", [values for _, values in self.ends])):
-            arrays |= {f"{name}{k}.{key}": v for k, values in enumerate(several) for key, v in values.items()}
+        parts: dict[str, Way] = {**self.descent.state()}
+        parts |= {f"way{k}": way for k, way in enumerate(self.ways)}
+        parts |= {f"end{k}": values for k, (_, values) in enumerate(self.ends)}
+        names = stable_names(self.descent)
+        arrays = {f"{part}.{names.get(k, k)}": v for part, values in parts.items() for k, v in values.items()}
         about = {
             "ways": len(self.ways),
             "ends": [loss for loss, _ in self.ends],
@@ -113,18 +127,17 @@ class Schedule:
         """
         legs = self._legs()
         total = sum(len(leg.rates) for leg in legs)
-        begun, first, last_kept = time.perf_counter(), self.done, time.perf_counter()
-        before = 0
+        begun = last_kept = time.perf_counter()
+        first = before = 0
         for number, leg in enumerate(legs):
             start = self.done - before
             if start < len(leg.rates):
                 self._begin(leg, number, is_new=start == 0)
                 for k in self._steps(leg, start):
-                    now, steps = time.perf_counter(), self.done - first
-                    if steps == 1:
+                    now, values = time.perf_counter(), {"loss": self.descent.curve[-1]["loss"]}
+                    if not first:
                         begun, first = now, self.done  # the first one compiles
-                    values = {"loss": self.descent.curve[-1]["loss"]}
-                    if steps > 1:
+                    elif self.done >= first + _TIMED:
                         values["left"] = (now - begun) / (self.done - first) * (total - self.done)
                     progress(Progress(leg.label, k + 1, len(leg.rates), values))
                     every(self.done)
