@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -63,10 +63,9 @@ class Descent:
         self._path = mi.load_dict({"type": "path", "max_depth": max_depth})
         self._seed = 1000 * seed
         values = {u.key: get(self.params, u.key) for u in self.unknowns}
-        # Frozen: tracing a scene with networks takes longer than running it. Gradients of textures would get lost.
-        is_textured = any(isinstance(self.params[u.key], mi.TensorXf) for u in self.unknowns)
-        self._backward = self._trace_backward if is_textured else dr.freeze(self._trace_backward)
-        self._primal = dr.freeze(lambda scene, *rest: self._trace_primal(scene, *rest))
+        # Gradients of textures would get lost in a frozen function.
+        self._is_textured = any(isinstance(self.params[u.key], mi.TensorXf) for u in self.unknowns)
+        self._frozen: dict[tuple, Callable] = {}
         if light:
             values[light.key] = np.ones(1)
         if exposures:
@@ -115,11 +114,13 @@ class Descent:
 
     def _factors(self, attach: bool = False) -> dict[str, mi.Float]:
         """The brightness of all light and of each photograph, 1 where it is not sought."""
-        values, factors = self.values(), {}
-        for name, unknown, size in (("light", self.light, 1), ("exposures", self.exposures, len(self.fitted))):
-            factors[unknown.key if unknown else name] = evaluated(values[unknown.key] if unknown else np.ones(size))
-            if attach and unknown:
-                dr.enable_grad(factors[unknown.key])
+        values, sizes = self.values(), (1, len(self.fitted))
+        factors = {
+            key: evaluated(values[key] if key in values else np.ones(size))
+            for key, size in zip(self._factor_keys, sizes, strict=True)
+        }
+        if attach:
+            dr.enable_grad([factor for key, factor in factors.items() if key in values])
         return factors
 
     def _hand_over(self, values: Mapping[str, np.ndarray], attach: bool = False) -> None:
@@ -147,8 +148,25 @@ class Descent:
         with no_collection():
             factors = tuple(self._factors().values())
             return np.array(
-                self._primal(self.scene, target.sensor, target.number, factors, dr.opaque(mi.UInt32, seed), spp)
+                self._compiled(self._trace_primal, target.image.shape, spp)(
+                    self.scene, target.sensor, target.number, factors, dr.opaque(mi.UInt32, seed), spp
+                )
             )
+
+    def _compiled(self, function: Callable, shape: tuple[int, ...], spp: int) -> Callable:
+        """Return a function that is traced once: tracing a scene with networks takes longer than running it.
+
+        One for each size. ``dr.freeze`` does not see that of a film, and would replay what it has recorded for another.
+        """
+        key = function.__name__, shape, spp
+        if key not in self._frozen:
+            self._frozen[key] = dr.freeze(function)
+        return self._frozen[key]
+
+    def _backward(self, *arguments):
+        if self._is_textured:
+            return self._trace_backward(*arguments)
+        return self._compiled(self._trace_backward, arguments[3].shape, arguments[-1])(*arguments)
 
     def _trace_primal(self, scene, sensor, number, factors, seed, spp: int):
         with dr.suspend_grad():
@@ -158,7 +176,7 @@ class Descent:
     def _trace_backward(self, scene, values, sensor, image, weight, saturated, number, seen, seed, spp: int):
         # values are an argument although the scene knows them: gradients arrive there
         target = Target([], sensor, image, weight, saturated, number)
-        factors = tuple(v for k, v in values.items() if k not in self._keys)
+        factors = tuple(values[key] for key in self._factor_keys)  # by key: `dr.freeze` sorts them
         # prb draws other random numbers for the gradient than for the image; that of a factor is that of `seen`
         few = max(1, spp // _GRADIENT_SHARE)
         image = mi.render(
@@ -170,8 +188,8 @@ class Descent:
         return dr.detach(rendered)
 
     @property
-    def _keys(self) -> set[str]:
-        return {u.key for u in self.unknowns}
+    def _factor_keys(self) -> tuple[str, str]:
+        return self.light.key if self.light else "light", self.exposures.key if self.exposures else "exposures"
 
     def _finite(self, image: np.ndarray, instead) -> np.ndarray:
         """The image without values that are not finite, which are counted."""
