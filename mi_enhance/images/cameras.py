@@ -84,7 +84,7 @@ def render_views(scene: mi.Scene, views: Sequence[View], *, spp: int = 64, seed:
     result = []
     for k, view in enumerate(views):
         # only the camera that knows the number of its photograph finds its light
-        whole = dataclasses.replace(view, mask=None)
+        whole = dataclasses.replace(view, mask=np.ones_like(view.mask))
         sensor = targets([whole], 1, {view.name: k})[0].sensor if lights[k] else mi.load_dict(view.sensor())
         image = np.array(
             mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=mi.UInt32(seed + k)), np.float32

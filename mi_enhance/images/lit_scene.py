@@ -31,17 +31,33 @@ def with_lights(scene: mi.Scene, lights: Sequence[Light | None]) -> mi.Scene:
     """
     if not any(lights):
         return scene
-    box = scene.bbox()
-    radius = float(np.linalg.norm(np.array(box.extents()))) / 2 if box.valid() else 1.0
+    if any(light and light.kind == "envmap" for light in lights):
+        plugin = _environment(lights)
+    else:
+        box = scene.bbox()
+        radius = float(np.linalg.norm(np.array(box.extents()))) / 2 if box.valid() else 1.0
+        plugin = photograph_lights(np.stack([_row(light, _FAR * max(radius, 1e-6)) for light in lights], 1))
     objects = [*scene.shapes(), *(e for e in scene.emitters() if e.get_shape() is None)]
     ids = [one.id() for one in objects]
-    plugin = photograph_lights(np.stack([_row(light, _FAR * max(radius, 1e-6)) for light in lights], 1))
     # optimize: merged shapes would have other keys than those of the scene that the user knows
     children = {f"object_{k}": one for k, one in enumerate(objects)}
     result = mi.load_dict({"type": "scene", **children, "photographs": plugin}, optimize=False)
     for one, name in zip(objects, ids, strict=True):
         one.set_id(name)  # they have taken the names above
     return result
+
+
+def _environment(lights: Sequence[Light | None]) -> mi.Emitter:
+    """Return the environment map of all photographs."""
+    first = lights[0]
+    if first is None or any(light != first for light in lights):
+        raise ValueError(
+            "fit_images(): an envmap that is the light of some photographs and not of others is not modelled: all must "
+            "have the same, with the same intensity. Bring the photographs to one brightness, or fit those of one map."
+        )
+    bitmap = mi.Bitmap(first.file_path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+    colours = np.array(bitmap) * np.array(first.intensity, np.float32)
+    return mi.load_dict({"type": "envmap", "bitmap": mi.Bitmap(colours)})
 
 
 def _row(light: Light | None, far: float) -> np.ndarray:

@@ -230,3 +230,16 @@ def test_a_run_that_was_killed_goes_on_where_it_was(photographs, tmp_path):
         np.testing.assert_allclose(again.values[key], value, rtol=2e-3)  # threads add samples in any order
     other = fit_images(ball(MATTE.edit(rho_d=0.4)), photographs, **settings)
     assert len(other.curve) == len(whole.curve)
+
+
+def test_an_environment_map_is_the_light_of_all_photographs_or_of_none(llvm, tmp_path):
+    sky = np.linspace(0.1, 1, 8 * 16 * 3, dtype=np.float32).reshape(8, 16, 3)
+    mi.Bitmap(sky).write(str(tmp_path / "sky.exr"))
+    light = Light("envmap", (1.0, 2.0, 3.0), file_path=str(tmp_path / "sky.exr"))
+    (view,) = around(1, target=(0, 1, 0), distance=5, resolution=16)
+    (seen,) = render_views(ball(MATTE), [dataclasses.replace(view, light=light)], spp=64, max_depth=2)
+    given = ball(MATTE, sky={"type": "envmap", "bitmap": mi.Bitmap(sky * np.float32([1, 2, 3]))})
+    (truth,) = render_views(given, [view], spp=64, max_depth=2)
+    assert truth.image.mean() > 0.1 and np.abs(seen.image - truth.image).mean() < 0.03 * truth.image.mean()
+    with pytest.raises(ValueError, match="all must have the same"):
+        with_lights(ball(MATTE), [light, LIGHTS[0]])
