@@ -2,10 +2,12 @@
 # make test    the tests (make test-slow: those that take longer)
 # make lint    style, formatting, and who imports whom
 # make types   the types
+# make docs    the documentation site, into out/docs; a warning is an error
+# make dist    sdist and wheel, into dist/ (make dist-check: the wheel works in an environment of its own)
 # make venv    .venv with everything, a usable LLVM included; choose the Python with  make venv PYTHON=python3.12
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
-.PHONY: venv demo test test-slow lint types
+.PHONY: venv demo test test-slow lint types docs dist dist-check
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -43,3 +45,22 @@ lint: venv
 
 types: venv
 	$(BIN)/mypy
+
+docs: venv
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/docs
+
+dist: venv
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist
+
+# A new environment with the wheel alone in it. What the package needs is not installed again: a path leads to .venv, in which
+# the checkout is known by a hook that this path does not run. Used from another folder, with nothing of the checkout in reach.
+CHECK := $(CURDIR)/out/dist-check
+dist-check: dist
+	rm -rf $(CHECK)
+	$(BIN)/python -m venv --without-pip $(CHECK)
+	$(BIN)/python -m pip --python $(CHECK)/bin/python install --quiet --disable-pip-version-check --no-deps dist/*.whl
+	$(BIN)/python -c 'import sys; print(*(p for p in sys.path if p.endswith("-packages")), sep="\n")' \
+	    > "$$($(CHECK)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/shared.pth"
+	cp tests/installed.py $(CHECK)/
+	cd $(CHECK) && bin/python -I installed.py && bin/mi-enhance --version

@@ -133,12 +133,6 @@ class Enhanced(mi.BSDF):
         self.m_material = scene_parameters.material_of(props)
         self.m_reflectance = reflectance
         brdf = self.m_material.brdf
-        coloured = [slot for slot, mlp in brdf.modules.items() if mlp.sizes[-1] == 3]
-        if coloured and not mi.is_rgb:
-            raise ValueError(
-                f'bsdf "enhanced": the networks for {", ".join(coloured)} give RGB, which variant "{mi.variant()}" '
-                "does not render. Use an rgb variant, or a network that leaves these terms analytic."
-            )
         self.m_compiled = CompiledForm(brdf, scene_parameters.evaluators_of(props))
         self.m_parameters = scene_parameters.SceneParameters(props, self.m_material, where)
         self.m_energy = bool(props.get("energy", self.m_material.bound_energy))

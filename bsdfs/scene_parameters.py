@@ -186,7 +186,7 @@ class SceneParameters:
             else:
                 texture, scale = self.spectra[name]
                 colours[name] = texture.eval(si, active) * scale
-        return {**params, **colours}
+        return {**params, **colours, "of_rgb": lambda rgb: _of_rgb(rgb, si)}
 
     def with_gradients(self, params: Mapping) -> Iterator[Any]:
         """Yield a number of each of the parameters of :meth:`at` that have gradients: the sum of its own."""
@@ -197,6 +197,23 @@ class SceneParameters:
 
 def material_of(props: Any) -> Material:
     """Return the material of a file, or of the arrays of ``Material.to_dict()``."""
+    return _reshaped(_given(props), props)
+
+
+def _reshaped(material: Material, props: Any) -> Material:
+    """Return the material with the roughnesses and F0 that a scene gives, as :meth:`Material.edit` sets them."""
+    if not material.factors_in_rgb:
+        return material
+    given = {}
+    for p in material.brdf.model.parameters:
+        if not p.is_colour and p.name not in parameters.FRAME and p.name in props:
+            value = props[p.name]
+            if isinstance(value, (int, float)) and p.low <= value <= p.high:  # what is wrong is told where it is read
+                given[p.name] = value
+    return material.edit(**given)
+
+
+def _given(props: Any) -> Material:
     if "filename" in props:
         if "weights" in props:
             raise ValueError('bsdf "enhanced": give filename or weights, not both.')
@@ -257,6 +274,16 @@ def _rgb(texture: mi.Texture, si: mi.SurfaceInteraction3f, active) -> mi.Color3f
     at = mi.SurfaceInteraction3f(si)
     at.wavelengths = type(si.wavelengths)(*_RGB_WAVELENGTHS, _RGB_WAVELENGTHS[1])
     return mi.Color3f(*list(texture.eval(at, active))[:3])
+
+
+def _of_rgb(rgb: mi.Color3f, si: mi.SurfaceInteraction3f) -> Any:
+    """A factor in RGB for the wavelengths of a hit point: linear between the peaks of the primaries."""
+    if mi.is_monochromatic:
+        return mi.Color1f(mi.luminance(rgb))
+    red, green, blue = _RGB_WAVELENGTHS
+    to_red = dr.clip((si.wavelengths - green) / (red - green), 0, 1)
+    to_blue = dr.clip((si.wavelengths - green) / (blue - green), 0, 1)
+    return rgb.y + to_red * (rgb.x - rgb.y) + to_blue * (rgb.z - rgb.y)
 
 
 def _upsample(rgb: mi.Color3f) -> tuple[mi.Texture, float]:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import other_formats
 
 import mi_enhance  # noqa: F401  (before mitsuba)
 from mi_enhance import data, models
@@ -182,6 +183,7 @@ READERS: dict[str, tuple[str, Callable | Path, Callable]] = {
     "NPs decoder": ("decoder.npz", ROOT / "mi_enhance/bundled/nps/decoder.npz", nps.read_decoder),
     "table .csv": ("x.csv", lambda p: data.save_table(_table(), p), _load()),
     "table .npz": ("x.npz", lambda p: data.save_table(_table(), p), _load(kind="table")),
+    **{kind: (name, write, _load()) for kind, (name, write) in other_formats.FILES.items()},
     "material": ("x.bsdf", lambda p: _material().save(p), lambda p: Material.load(p).show()),
     "network": ("x.bsdf", ROOT / "mi_enhance/networks/ggx.bsdf", lambda p: Material.load(p).show()),
     "description": (

@@ -31,6 +31,8 @@ MAGNIFIED = {
     "latent far outside": (5e-3, 5e-3),
     "all at their bounds": (5e-2, 1e-1),
 }
+# The back vector of two directions that graze on the same side is made of differences of equals.
+BACK = {"h on the horizon": (0.3, 0.6)}
 OVER_ROUNDING = 8  # error over what half a unit in the last place of the inputs changes; 4 tries find most of it
 
 MATERIALS = ["own features, random", *sorted(models.MODELS)]
@@ -52,7 +54,8 @@ def test_all_materials_are_in_the_lists(materials):
 def test_values_and_gradients_are_the_twins(llvm, materials, name):
     for case in cases.CASES:
         e = cases.errors(materials[name], cases.CASES[case], N, N_GRADIENTS, seed=1)
-        value, gradient = MAGNIFIED.get(case, (MODULES if name in SLOW else VALUE, GRADIENT))
+        known = MAGNIFIED | (BACK if name == "ggx_retro" else {})
+        value, gradient = known.get(case, (MODULES if name in SLOW else VALUE, GRADIENT))
         assert e.value.max() < value, case
         assert (e.value / (VALUE + e.rounding)).max() < OVER_ROUNDING, case
         assert e.gradient.max() < gradient, case

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mitsuba as mi
 import pytest
 
 import mi_enhance
 from mi_enhance.system import bundled_files
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
 
 
 def test_unknown_name_lists_the_public_ones():
@@ -74,3 +81,18 @@ print({"matplotlib", "skimage", "colour", "rich", "tqdm", "scipy", "OpenEXR"} & 
 """
     child = run_child(code, DRJIT_LIBLLVM_PATH=mi_enhance.system.llvm.found.path)
     assert child.stdout.split() == ["[]", "none"], child.stderr + child.stdout
+
+
+def test_version_stands_in_one_place():
+    """The package's own; the citation file, which cannot ask, says the same."""
+    root = Path(__file__).parents[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text())
+    assert project["project"]["dynamic"] == ["version"]
+    assert f"version: {mi_enhance.__version__}\n" in (root / "CITATION.cff").read_text()
+
+
+def test_every_folder_of_the_package_is_shipped():
+    root = Path(__file__).parents[1]
+    listed = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    folders = {p.parent.relative_to(root) for p in (root / "mi_enhance").rglob("*.py")}
+    assert {".".join(f.parts) for f in folders} <= set(listed)

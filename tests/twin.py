@@ -6,6 +6,8 @@ Parameters are dictionaries of arrays (N, size) or (size,).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 SLOPE = 0.01  # leaky ReLU
@@ -260,7 +262,71 @@ def _lobe_ggx2(i, o, h, p):
     return total
 
 
+def back(i, o):
+    """Half vector of the light and the viewer turned by half a turn about the normal."""
+    return unit(np.stack([np.cos(np.pi) * i[..., 0], np.cos(np.pi) * i[..., 1], i[..., 2]], -1) + o)
+
+
+def D_retro_ggx(i, o, alpha_x, alpha_y):
+    return D_ggx(back(i, o), alpha_x, alpha_y)
+
+
+def F_retro_schlick(i, o, F0):
+    """The angle is between the back vector and the light."""
+    return F_schlick(np.minimum(np.sum(back(i, o) * o, -1), 1), F0)
+
+
+def _slope2(h, alpha_x, alpha_y):
+    return ((h[..., 0] / alpha_x) ** 2 + (h[..., 1] / alpha_y) ** 2) / h[..., 2] ** 2
+
+
+def D_generalized_beckmann(h, alpha_x, alpha_y, gamma):
+    """Slopes with the density exp(-r^(2 gamma)), over its integral."""
+    r = np.sqrt(_slope2(h, alpha_x, alpha_y))
+    scale = np.pi * alpha_x * alpha_y * np.vectorize(math.gamma)(1 + 1 / np.asarray(gamma, np.float64))
+    return np.exp(-(r ** (2 * gamma))) / (scale * h[..., 2] ** 4)
+
+
+def D_hyper_cauchy(h, alpha_x, alpha_y, q):
+    """The integral of (1 + r^2)^-q over the plane of slopes is pi / (q - 1)."""
+    return (q - 1) / (np.pi * alpha_x * alpha_y) * (1 + _slope2(h, alpha_x, alpha_y)) ** -q / h[..., 2] ** 4
+
+
+def D_student_t(h, alpha_x, alpha_y, gamma):
+    """Hyper-Cauchy with a roughness that grows with gamma."""
+    k = np.sqrt(gamma - 1)
+    return D_hyper_cauchy(h, alpha_x * k, alpha_y * k, gamma)
+
+
+def B_eon(i, o, r):
+    """Portsmouth et al. 2025 with albedo 1: Fujii's Oren-Nayar by angles, and what it lacks, by its exact albedo."""
+    theta_i, theta_o = np.arccos(np.clip(i[..., 2], -1, 1)), np.arccos(np.clip(o[..., 2], -1, 1))
+    phi = np.arctan2(i[..., 1], i[..., 0]) - np.arctan2(o[..., 1], o[..., 0])
+    s = np.sin(theta_i) * np.sin(theta_o) * np.cos(phi)
+    t = np.where(s > 0, np.maximum(np.maximum(np.cos(theta_i), np.cos(theta_o)), 1e-4), 1)
+    a = 1 / (1 + (1 / 2 - 2 / (3 * np.pi)) * r)
+
+    def albedo(theta):
+        sin, tan = np.sin(theta), np.tan(np.minimum(theta, np.pi / 2 - 1e-9))
+        g = sin * (theta - sin * np.cos(theta)) + 2 / 3 * (tan * (1 - sin**3) - sin)
+        return a * (1 + r * g / np.pi)
+
+    mean = a * (1 + (2 / 3 - 28 / (15 * np.pi)) * r)
+    with np.errstate(invalid="ignore"):
+        rest = np.where(r > 0, (1 - albedo(theta_i)) * (1 - albedo(theta_o)) / (1 - mean), 0)
+    return a * (1 + r * s / t) + rest
+
+
+def _lobe_ggx_retro(i, o, h, p):
+    """GGX, and GGX by the back vector."""
+    g = [G_smith_ggx(i, o, p[f"alpha_x{k}"], p[f"alpha_y{k}"]) * inv_E(i[:, 2], o[:, 2]) for k in ("", "2")]
+    first = D_ggx(h, p["alpha_x"], p["alpha_y"]) * F_schlick(cosine_d(i, o), p["F0"]) * g[0]
+    second = D_retro_ggx(i, o, p["alpha_x2"], p["alpha_y2"]) * F_retro_schlick(i, o, p["F0"]) * g[1]
+    return p["rho_s"] * first[:, None] + p["rho_s2"] * second[:, None]
+
+
 LOBES = {
+    "ggx_retro": _lobe_ggx_retro,
     "ggx2": _lobe_ggx2,
     "cook_torrance": _lobe_cook_torrance,
     "ward": _lobe_ward,

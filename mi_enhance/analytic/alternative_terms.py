@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from . import geometry
-from .lobes import Lobe, of_slot
+from .lobes import AroundBack, Lobe, of_slot
 from .models.model import Model, renamed
 from .terms.registry import ALTERNATIVES, Alternative, get
 
@@ -67,8 +67,8 @@ def _with_term(model: Model, slot: str, alternative: Alternative, name: str) -> 
         )
     graph = model.graph.exchange(renamed(slot, alternative.term, own, name))
     lobes = model.lobes
-    if alternative.roughness:
-        lobes = _lobes_with(model.lobes, of_slot(slot), alternative.roughness, own)
+    if alternative.roughness or alternative.around_back:
+        lobes = _lobes_with(model.lobes, of_slot(slot), alternative, own)
     return dataclasses.replace(
         model,
         graph=graph,
@@ -115,14 +115,17 @@ def start(model: Model, slot: str, name: str, values: Mapping[str, np.ndarray]) 
 
 
 def _lobes_with(
-    lobes: Callable[[Mapping], list[tuple]], lobe: Lobe, roughness: Callable, own: Mapping[str, str]
+    lobes: Callable[[Mapping], list[tuple]], lobe: Lobe, alternative: Alternative, own: Mapping[str, str]
 ) -> Callable[[Mapping], list[tuple]]:
-    """Return the function `lobes` with another roughness of one of them."""
+    """Return the function `lobes` with another roughness, or another place, of one of them."""
 
     def changed(params: Mapping) -> list[tuple]:
         result = list(lobes(params))
-        alpha = roughness({n: params[o] for n, o in own.items() if o in params})
-        result[lobe.index] = (result[lobe.index][0], alpha, alpha)
+        values = result[lobe.index]
+        if alternative.roughness:
+            alpha = alternative.roughness({n: params[o] for n, o in own.items() if o in params})
+            values = (values[0], alpha, alpha)
+        result[lobe.index] = AroundBack(values) if alternative.around_back else values
         return result
 
     return changed

@@ -168,6 +168,33 @@ def local_quantities(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping) -> tuple
     return q, active
 
 
+def back_vector(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[Any, Any]:
+    """Return the half vector of the viewer's mirror image about the normal and the light, and the cosine to it.
+
+    Parameters
+    ----------
+    wi, wo : mi.Vector3f, N lanes
+        Directions towards viewer and light, local frame.
+
+    Returns
+    -------
+    back : mi.Vector3f, N lanes
+        The normal where viewer and light are the same. Exchanging them mirrors it.
+    cosine : mi.Float, N lanes
+        Of the angle between it and the light, at most 1.
+
+    References
+    ----------
+    Belcour et al. 2014, *BRDF Measurements and Analysis of Retroreflective Materials*, the back vector.
+
+    Examples
+    --------
+    >>> back_vector(mi.Vector3f(0.6, 0, 0.8), mi.Vector3f(0.6, 0, 0.8))
+    ([[0, 0, 1]], [0.8])
+    """
+    return _half_vector(mi.Vector3f(-wi.x, -wi.y, wi.z), wo)
+
+
 def _half_vector(wi: mi.Vector3f, wo: mi.Vector3f) -> tuple[Any, Any]:
     """Return the half vector, and the cosine of either direction to it.
 

@@ -46,6 +46,13 @@ class Lobe:
         return self.own("alpha_y")
 
 
+class AroundBack(tuple):
+    """Values of a lobe, (rho_s, alpha_x, alpha_y), that lies around the direction that light came from.
+
+    Sampling tells it by its type from a lobe around the mirror direction, a plain tuple.
+    """
+
+
 FIRST, SECOND = LOBES = Lobe(0, ""), Lobe(1, "2")
 # The parameters that every lobe has for itself, as the first lobe calls them; lobes share all others.
 OWN = ("rho_s", "alpha_x", "alpha_y")

@@ -55,7 +55,7 @@ class Parameter:
 
     @property
     def is_neural(self) -> bool:
-        """True for ``latent`` and ``asymmetry``, which only modules read."""
+        """True for ``latent``, ``read_out`` and ``asymmetry``, which only networks read."""
         return self.kind == "latent" or self.name == ASYMMETRY.name
 
 
@@ -86,6 +86,11 @@ IOR = Parameter("ior", 1, 1.0, 100.0, 1.5, log=True)
 N_U = Parameter("n_u", 1, 1.0, 1e6, 100.0, log=True)
 N_V = Parameter("n_v", 1, 1.0, 1e6, 100.0, log=True)
 
+# Tails of distributions; GGX and Beckmann lie within.
+BECKMANN_GAMMA = Parameter("beckmann_gamma", 1, 0.2, 4.0, 1.0, log=True)
+CAUCHY_Q = Parameter("cauchy_q", 1, 1.5, 10.0, 2.0, log=True)
+STUDENT_GAMMA = Parameter("student_gamma", 1, 1.5, 40.0, 2.0, log=True)
+DIFFUSE_ROUGHNESS = Parameter("diffuse_roughness", 1, 0.0, 1.0, 0.0)
 
 # The difference that modules may make between viewer and light. At 0 the BRDF is exactly reciprocal; measured files
 # are not.
@@ -98,6 +103,14 @@ def latent(n: int) -> Parameter:
     The range only keeps a fit from running away along a direction the data says nothing about.
     """
     return Parameter("latent", n, -16.0, 16.0, 0.5, kind="latent")
+
+
+def read_out(n: int) -> Parameter:
+    """Return the weights of the material's own by which it reads out a shared trunk: `n` numbers, 0 at the start.
+
+    The range only keeps a fit from running away along a direction the data says nothing about.
+    """
+    return Parameter("read_out", n, -MAX_LOG, MAX_LOG, 0.0, kind="latent")
 
 
 def norm(slot: str) -> Parameter:

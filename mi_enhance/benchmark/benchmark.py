@@ -1,13 +1,14 @@
 """Error against run time: a table, a Pareto plot and a page of every model of some measured materials.
 
-Errors are those of unseen samples and of a render beside the measured file; times are medians of interleaved runs, as
-ratios to plain GGX of this package: a plugin in Python like ours, without networks.
+Errors are those of unseen samples and, where all files can be rendered (RGL), of a render beside the measured file;
+times are medians of interleaved runs, as ratios to plain GGX of this package: a plugin in Python like ours, without
+networks.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,22 +16,18 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..data.loading import load
-from ..data.measurements import Measurements
+from ..data.loading import kind_of, load
+from ..data.measurements import Measurements, split
 from ..evaluation import scenes
-from ..evaluation.compare import compare
-from ..evaluation.reflectance import reflectance
-from ..evaluation.truth import rgl_file
-from ..fitting.losses import log_l1
+from ..evaluation.truth import rendered_truth
 from ..material.material import Material
-from ..neural.mlp import flatten
 from ..output.table import write_table
-from ..system.cache import cached
-from ..system.files import digest, material_name, replacing
+from ..system.files import material_name, replacing
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
 from . import timing
-from .contenders import REFERENCE, Contender, contenders, textured
+from .contenders import REFERENCE, Contender, contenders, settings_of_fits, textured
+from .errors import rendered_errors, write_json
 from .growth import GROWTH_COLUMNS, growth
 from .jobs import LANES, MANY, frame, kernel, many, sphere
 from .page import draw_pareto, write_page
@@ -96,6 +93,7 @@ def bench(
     n_samples: int = 100_000,
     seed: int = 0,
     model: Material | None = None,
+    material: str | None = None,
     progress: Callback = silent,
 ) -> BenchReport:
     """Measure error against run time of every model on measured materials.
@@ -103,7 +101,7 @@ def bench(
     Parameters
     ----------
     paths : sequence of str or Path
-        RGL ``.bsdf`` files. Errors are means over all of them; run times are those of the first.
+        Measured files of any kind. Errors are means over all of them; run times are those of the first.
     folder : str or Path
         Folder for ``bench.csv``, ``.json``, ``.md``, ``pareto.png``, ``index.html``, the pictures of each material and
         all fits; with the same settings an interrupted run goes on where it was.
@@ -116,6 +114,8 @@ def bench(
     seed : int
     model : Material, optional
         The enhanced model in the place of the shipped default, exact and specialized.
+    material : str, optional
+        Which one, in files that hold several.
     progress : callable
         Hears of every step before it begins, see :mod:`mi_enhance.system.progress`.
 
@@ -126,36 +126,39 @@ def bench(
     Raises
     ------
     ValueError
-        If no file is given, one is no RGL file, two materials have one name, `model` has no networks, or `folder` holds
+        If no file is given, one cannot be read, two materials have one name, `model` has no networks, or `folder` holds
         a run with other settings.
 
     Examples
     --------
     >>> bench(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], "out/bench").rows  # doctest: +SKIP
     """
-    names = [material_name(path) for path in paths]
+    names = [material or material_name(path) for path in paths]
     if not names or len(set(names)) < len(names):
         raise ValueError(f"bench(): materials {names} must be at least one and all different. Rename a file.")
-    files = [rgl_file(path, "bench()") for path in paths]
+    truths = [rendered_truth(path, "bench()") for path in paths]
+    if not all(truths):  # a row is one model on all files
+        truths = [None] * len(truths)
     folder = Path(folder)
-    settings: dict[str, Any] = {"samples": n_samples, "seed": seed}
-    if model:
-        if not model.brdf.modules:
-            raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
-        # of the default nothing is noted: so earlier runs go on
-        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.modules), model.as_vector())
+    if model and not model.brdf.networks:
+        raise ValueError(f"bench(): {model.brdf} has no networks. Give an enhanced model; GGX is always compared.")
+    settings = settings_of_fits(model, n_samples, seed)
+    if material:
+        settings["material"] = material
     keep_settings(folder / "settings.json", settings, "bench()")
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
+    size = {"resolution": resolution, "spp": spp}
     fitted: list[dict[str, Contender]] = []
     errors: list[dict[str, dict]] = []
-    for name, path in zip(names, files, strict=True):
-        measured = load(path, n_samples=n_samples, seed=seed, kind="rgl")
-        fitted.append(contenders(path, measured, folder / name, model=model, seed=seed, progress=progress))
-        unseen = load(path, n_samples=_UNSEEN, seed=seed + 1, kind="rgl")
-        errors.append(_errors(fitted[-1], unseen, folder / name, resolution, spp, seed, progress))
+    for name, path, truth in zip(names, paths, truths, strict=True):
+        measured, unseen = _samples(path, n_samples, seed, material)
+        fitted.append(contenders(truth, measured, folder / name, model=model, seed=seed, progress=progress))
+        bsdfs = functools.partial(lambda models: {label: c.bsdf() for label, c in models.items()}, fitted[-1])
+        errors.append(
+            rendered_errors(list(fitted[-1]), bsdfs, unseen, folder / name, **size, seed=seed, progress=progress)
+        )
     rows = [_row(label, [f[label] for f in fitted], [e[label] for e in errors]) for label in fitted[0]]
     by_label = {row["label"]: row for row in rows}
-    size = {"resolution": resolution, "spp": spp}
     with Workers(fitted[0]) as workers:
         progress(Progress("run time: one kernel", 0, 6))
         _add_kernels(by_label, workers, fitted[0], rounds)
@@ -170,43 +173,13 @@ def bench(
     return _write(folder, about, names, rows, growing)
 
 
-# ---------------------------------------------------------------------- errors
-
-
-def _errors(
-    fitted: Mapping[str, Contender],
-    unseen: Measurements,
-    folder: Path,
-    resolution: int,
-    spp: int,
-    seed: int,
-    progress: Callback,
-) -> dict[str, dict]:
-    """Return the errors of every model on unseen samples and in a render, by label; `folder` keeps them."""
-
-    def compute() -> dict[str, dict]:
-        bsdfs = {label: c.bsdf() for label, c in fitted.items()}
-        truth = bsdfs.pop("measured")
-        rows = compare(
-            truth, bsdfs, folder, resolution=resolution, spp=spp, seed=seed, title=unseen.name, progress=progress
-        )
-        keys = ("ssim", "delta_E_ITP_1000", "mean_abs_log")
-        result = {row["label"]: {k: row[k] for k in keys} for row in rows}
-        for label, bsdf in {**bsdfs, "measured": truth}.items():
-            f = np.maximum(reflectance(bsdf, unseen.wi, unseen.wo), 0)  # files hold negative values
-            result[label]["log_l1"] = log_l1(f, unseen.f, unseen.wo[:, 2])
-        return result
-
-    return cached(
-        folder / f"errors_{resolution}_{spp}.json",
-        compute,
-        lambda path: json.loads(path.read_text()),
-        _write_json,
-    )
-
-
-def _write_json(path: Path, content: Any) -> None:
-    path.write_text(json.dumps(content, indent=1) + "\n")
+def _samples(path: str | Path, n: int, seed: int, material: str | None) -> tuple[Measurements, Measurements]:
+    """Return samples to fit to, and others to measure errors on; of a table a fifth of its rows is kept aside."""
+    if kind_of(path) == "table":
+        measured = load(path, n_samples=n, seed=seed)
+        return split(measured, min(_UNSEEN, len(measured.f) // 5), seed)
+    pair = [load(path, n_samples=m, seed=seed + k, material=material) for k, m in enumerate((n, _UNSEEN))]
+    return pair[0], pair[1]
 
 
 def _row(label: str, fitted: list[Contender], errors: list[dict]) -> dict:
@@ -271,7 +244,7 @@ def _write(folder: Path, about: dict, names: list[str], rows: list[dict], growin
     draw_pareto(rows, folder / "pareto.png", title=f"{', '.join(names)}; {about['cpu']}, {about['cores']} cores")
     result = {"machine": about, "materials": names, "rows": rows, "growth": growing}
     with replacing(Path(files["json"])) as temporary:
-        _write_json(Path(temporary), result)
+        write_json(Path(temporary), result)
     files |= {"png": str(folder / "pareto.png"), "html": str(folder / "index.html")}
     report = BenchReport(about, names, rows, growing, files)
     write_page(report, folder / "index.html", COLUMNS, GROWTH_COLUMNS)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
@@ -18,13 +18,17 @@ import numpy as np
 from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..material.material import Material
+from ..neural.mlp import flatten
 from ..specialization.specialize import SIZES, specialize
 from ..system.bundled_files import DEFAULT_NETWORK
 from ..system.cache import cached
+from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
 from . import mitsuba_bsdfs, nbrdf, residual_network
 
 REFERENCE = "GGX in Python"
+ANALYTIC = {"Ward": "ward", "Cook-Torrance": "cook_torrance", "Low's ABC": "abc"}  # models of ours, fitted like GGX
+NBRDF = "NBRDF"
 EXACT = "enhanced, exact"
 _PAPER = "the paper's network"
 _NETWORKS = {"enhanced, small network": "ggx2_small", "enhanced ggx": "ggx", _PAPER: "paper"}
@@ -47,26 +51,29 @@ class Contender(NamedTuple):
 
 
 def contenders(
-    path: Path,
+    truth: dict | None,
     measurements: Measurements,
     folder: Path,
     *,
     model: Material | None = None,
+    only: Collection[str] | None = None,
     seed: int = 0,
     progress: Callback = silent,
 ) -> dict[str, Contender]:
-    """Fit every model to one measured material, or take what an earlier call has left.
+    """Fit models to one measured material, or take what an earlier call has left.
 
     Parameters
     ----------
-    path : Path
-        RGL ``.bsdf``, which Mitsuba's ``measured`` renders.
+    truth : dict, optional
+        The measured file as Mitsuba's ``measured`` renders it, if it can.
     measurements : Measurements
         Samples of it, which the models are fitted to.
     folder : Path
         Keeps the fits.
     model : Material, optional
         The enhanced model in the place of the shipped default.
+    only : collection of str, optional
+        Labels of the models that are wanted; all if left out.
     seed : int
     progress : callable
         Hears of every fit before it begins, see :mod:`mi_enhance.system.progress`.
@@ -74,13 +81,12 @@ def contenders(
     Returns
     -------
     dict of str to Contender
-        The reference, plain GGX, first; ``measured``, the truth itself, last.
+        The reference, plain GGX, first; ``measured``, the truth itself if it can be rendered, last.
 
     Examples
     --------
-    >>> contenders(path, measurements, Path("out/bench"))  # doctest: +SKIP
+    >>> contenders(truth, measurements, Path("out/bench"))  # doctest: +SKIP
     """
-
     n_done = 0
 
     def kept(name: str, suffix: str, write: Callable[[Path], None]) -> Path:
@@ -92,37 +98,69 @@ def contenders(
         cached(file, begin, lambda _: None, lambda path, _: write(path))
         return file
 
+    @functools.cache
+    def analytic(name: str) -> Path:
+        return ours(f"{name}_analytic", lambda: fit(Material.analytic(name), measurements, seed=seed))
+
+    @functools.cache
+    def network(name: str) -> Path:
+        return ours(name, lambda: fit(Material.pretrained(name), measurements, seed=seed))
+
+    @functools.cache
+    def exact() -> Path:
+        return ours(
+            "model" if model else DEFAULT_NETWORK, lambda: fit(model or Material.pretrained(), measurements, seed=seed)
+        )
+
     def ours(name: str, compute: Callable[[], Material]) -> Path:
         return kept(name, "bsdf", lambda path: compute().save(path))
 
-    ggx = ours("ggx_analytic", lambda: fit(Material.analytic("ggx"), measurements, seed=seed))
-    lobe = Material.load(ggx)
-    name = "model" if model else DEFAULT_NETWORK
-    exact = ours(name, lambda: fit(model or Material.pretrained(), measurements, seed=seed))
-    m = Material.load(exact)
-    result = {REFERENCE: _ours(ggx)}
-    for plugin in mitsuba_bsdfs.MITSUBA:
-        result[plugin] = _mitsuba(
-            plugin, kept(plugin, "json", functools.partial(_fit_mitsuba, plugin, measurements, seed))
-        )
-    result |= {
-        EXACT: _ours(exact),
-        f"{EXACT}, cooperative": _ours(exact, evaluators="cooperative"),
-        "specialized, max error 0.001": _ours(ours("specialized", lambda: specialize(m, seed=seed))),
+    def specialized(name: str, given: Measurements | None = None, size: int | None = None) -> Contender:
+        return _ours(ours(name, lambda: specialize(Material.load(exact()), given, size=size, seed=seed)))
+
+    def mitsuba(plugin: str) -> Contender:
+        return _mitsuba(plugin, kept(plugin, "json", functools.partial(_fit_mitsuba, plugin, measurements, seed)))
+
+    def residual() -> Contender:
+        lobe = analytic("ggx")
+        write = lambda path: _train_residual(path, Material.load(lobe), measurements, seed)  # noqa: E731
+        return _residual(kept("residual", "npz", write), lobe)
+
+    def trained_nbrdf() -> Contender:
+        return _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), analytic("ggx"))
+
+    recipes: dict[str, Callable[[], Contender]] = {
+        label: functools.partial(lambda name: _ours(analytic(name)), name)
+        for label, name in {REFERENCE: "ggx", **ANALYTIC}.items()
+    }
+    recipes |= {plugin: functools.partial(mitsuba, plugin) for plugin in mitsuba_bsdfs.MITSUBA}
+    recipes |= {
+        EXACT: lambda: _ours(exact()),
+        f"{EXACT}, cooperative": lambda: _ours(exact(), evaluators="cooperative"),
+        "specialized, max error 0.001": lambda: specialized("specialized"),
     }
     for size in SIZES:
-        file = ours(f"specialized_{size}", functools.partial(specialize, m, measurements, size=size, seed=seed))
-        result[f"specialized on the file, {size}-{size}"] = _ours(file)
-    for label, network in _NETWORKS.items():
-        file = ours(network, functools.partial(fit, Material.pretrained(network), measurements, seed=seed))
-        result[label] = _ours(file)
-    result[f"{_PAPER}, cooperative"] = _ours(file, evaluators="cooperative")
-    result["NBRDF"] = _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), ggx)
-    file = kept("residual", "npz", lambda path: _train_residual(path, lobe, measurements, seed))
-    result["GGX and a residual network"] = _residual(file, ggx)
-    spec = {"type": "measured", "filename": str(path)}
-    result["measured"] = Contender(_load, spec, path.stat().st_size, 0, 0, None)
-    return result
+        label, file = f"specialized on the file, {size}-{size}", f"specialized_{size}"
+        recipes[label] = functools.partial(specialized, file, measurements, size)
+    for label, name in _NETWORKS.items():
+        recipes[label] = functools.partial(lambda name: _ours(network(name)), name)
+    recipes |= {
+        f"{_PAPER}, cooperative": lambda: _ours(network(_NETWORKS[_PAPER]), evaluators="cooperative"),
+        NBRDF: trained_nbrdf,
+        "GGX and a residual network": residual,
+    }
+    if truth:
+        size_of_file = Path(truth["filename"]).stat().st_size
+        recipes["measured"] = lambda: Contender(_load, truth, size_of_file, 0, 0, None)
+    return {label: make() for label, make in recipes.items() if only is None or label in only}
+
+
+def settings_of_fits(model: Material | None, n_samples: int, seed: int) -> dict[str, Any]:
+    """Return what decides the fits besides the files, for :func:`mi_enhance.system.run_folder.keep_settings`."""
+    settings: dict[str, Any] = {"samples": n_samples, "seed": seed}
+    if model:  # of the default nothing is noted: so earlier runs go on
+        settings["model"] = digest(str(model.brdf).encode(), flatten(model.brdf.networks), model.as_vector())
+    return settings
 
 
 def edited(contender: Contender, k: int) -> Contender:
@@ -145,7 +183,9 @@ def textured(contender: Contender, size: int = 64) -> Contender:
         "data": mi.TensorXf(np.ascontiguousarray(v, np.float32)),
         "raw": True,
     }
-    roughness = {name: bitmap(np.minimum(weight * m.params[name], 1)) for name in ("alpha_x", "alpha_y")}
+    roughness = {
+        name: bitmap(np.minimum(weight * m.params[name], 1)) for name in ("alpha_x", "alpha_y") if name in m.params
+    }
     return contender._replace(spec={**contender.spec, "rho_d": bitmap(weight * m.params["rho_d"]), **roughness})
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..system.bundled_files import DEFAULT_NETWORK, network_file
+from ..system.bundled_files import DEFAULT_NETWORK, network_exists, network_file
 from ..system.files import require_file
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..material.material import Material
 
 Subparsers = Any  # argparse has no public name for what add_subparsers() returns
+MEASURED = "MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz"
 OUTPUT_RULE = (
     "A file to be written is always named with -o. A folder is out/COMMAND unless -o names another. "
     "show and check write nothing unless -o is given. No command writes over one of its inputs."
@@ -52,13 +53,20 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
 
 
 def add_measurements(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("data", metavar="DATA", help="MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz")
+    parser.add_argument("data", metavar="DATA", help=MEASURED)
+    add_material(parser)
+
+
+def add_material(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", help="which material, in a file that holds several")
 
 
 def add_model(parser: argparse.ArgumentParser, help: str | None = None, default: str | None = DEFAULT_NETWORK) -> None:
     """``-m/--model``; ``--network`` is its name in version 0.1."""
-    text = f"what is fitted: a .bsdf file, the name of a shipped network (default: {DEFAULT_NETWORK}), or a model .toml"
+    text = (
+        f"what is fitted: a .bsdf file, the name of a shipped network (default: {DEFAULT_NETWORK}) or of an analytic "
+        "model that has none (ggx_retro), or a model .toml"
+    )
     parser.add_argument("-m", "--model", default=default, help=help or text)
     parser.add_argument("--network", dest="model", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
@@ -81,6 +89,12 @@ def add_define(parser: argparse.ArgumentParser, whose: str) -> None:
         default=[],
         metavar="KEY=VALUE",
         help=f"give KEY of the {whose} this value; may be repeated",
+    )
+
+
+def add_edits(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--set", dest="edits", type=edit, action="append", default=[], metavar="NAME=V[,V,V]", help="edit a parameter"
     )
 
 
@@ -119,6 +133,15 @@ def pair(text: str) -> tuple[str, str]:
     return key, value
 
 
+def edit(text: str) -> tuple[str, float | tuple[float, ...]]:
+    name, value = pair(text)
+    try:
+        numbers = tuple(float(v) for v in value.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'"{text}": the values must be numbers, as in rho_d=0.2,0.1,0.0') from None
+    return name, numbers if len(numbers) > 1 else numbers[0]
+
+
 # ---------------------------------------------------------------------- what they stand for
 
 
@@ -150,6 +173,8 @@ def model(name: str) -> Material:
 
     if name.lower().endswith(".toml"):
         return Material.analytic(models.from_toml(name))
+    if name in models.MODELS and not network_exists(name):
+        return Material.analytic(name)
     return Material.load(model_path(name))
 
 

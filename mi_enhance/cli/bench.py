@@ -13,7 +13,8 @@ from .progress_bar import progress_bar
 def add(subparsers: arguments.Subparsers) -> None:
     text = "error against run time of every model on this machine, as table, plot and HTML page"
     p = arguments.command(subparsers, "bench", text, run)
-    p.add_argument("data", metavar="DATA", nargs="*", help="RGL .bsdf (default: the one of the demo)")
+    p.add_argument("data", metavar="DATA", nargs="*", help=f"{arguments.MEASURED} (default: the one of the demo)")
+    arguments.add_material(p)
     arguments.add_model(p, default=None)
     arguments.add_samples(p)
     arguments.add_variant(p)
@@ -44,6 +45,7 @@ def run(args: argparse.Namespace) -> dict:
             n_samples=args.samples,
             seed=args.seed,
             model=model,
+            material=args.material,
             progress=progress,
         )
     print_table(result.rows, COLUMNS, title=", ".join(result.materials))

@@ -11,9 +11,10 @@ from .progress_bar import progress_bar
 
 
 def add(subparsers: arguments.Subparsers) -> None:
-    text = "SSIM, Delta E_ITP and log-L1 of the enhanced and the analytic model, fitted to measured RGL files"
+    text = "SSIM, Delta E_ITP and log-L1 of the enhanced and the analytic model, fitted to measured files"
     p = arguments.command(subparsers, "compare", text, run)
-    p.add_argument("data", metavar="DATA", nargs="+", help="RGL .bsdf")
+    p.add_argument("data", metavar="DATA", nargs="+", help=f"{arguments.MEASURED}; RGL files are rendered as the truth")
+    arguments.add_material(p)
     arguments.add_model(p)
     arguments.add_method(p)
     arguments.add_samples(p)
@@ -37,6 +38,7 @@ def run(args: argparse.Namespace) -> dict:
         result = compare_files(
             args.data,
             folder,
+            material=args.material,
             models=models,
             method=args.method,
             n_samples=args.samples,

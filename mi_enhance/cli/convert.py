@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from . import arguments
+from .export import said
 from .outputs import made, output_file
+
+_TABLES = (".csv", ".npz")
 
 
 def add(subparsers: arguments.Subparsers) -> None:
-    p = arguments.command(subparsers, "convert", "write measurements of any readable kind as a table", run)
+    p = arguments.command(subparsers, "convert", "write measurements of any readable kind as another kind", run)
     arguments.add_measurements(p)
     arguments.add_samples(p)
     arguments.add_variant(p)
-    arguments.add_output_file(p, "TABLE", "the table, .csv or .npz")
+    arguments.add_output_file(p, "FILE", "RGL .bsdf, MERL .binary, or a table .csv or .npz")
 
 
 def run(args: argparse.Namespace) -> dict:
-    output = output_file(args.output, (".csv", ".npz"), [args.data])
+    output = output_file(args.output, (*_TABLES, ".bsdf", ".binary"), [args.data])
     arguments.set_variant(args.variant)
-    from ..data.loading import save_table
+    from ..export.registry import export_material
 
-    measurements = arguments.measurements(args)
-    save_table(measurements, made(output))
-    print(f"{output}: {len(measurements.f)} samples of {measurements.name}")
-    return {
-        "output": str(output),
-        "name": measurements.name,
-        "n_samples": len(measurements.f),
-        "clamped_fraction": measurements.clamped_fraction,
-    }
+    options = {"samples": args.samples, "seed": args.seed} if output.suffix.lower() in _TABLES else {}
+    facts = export_material(Path(args.data), made(output), material=args.material or "", **options)
+    print(f"{output}: {said(facts)}")
+    return {"output": str(output), **facts}

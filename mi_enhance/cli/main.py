@@ -19,8 +19,11 @@ from . import (
     convert,
     demo,
     doctor,
+    export,
+    figure,
     fit,
     fit_images,
+    plot,
     render,
     search,
     show,
@@ -30,7 +33,24 @@ from . import (
 )
 from .arguments import OUTPUT_RULE
 
-_COMMANDS = (doctor, demo, fit, fit_images, render, show, check, specialize, convert, train, search, compare, bench)
+_COMMANDS = (
+    doctor,
+    demo,
+    fit,
+    fit_images,
+    render,
+    show,
+    plot,
+    check,
+    specialize,
+    export,
+    convert,
+    train,
+    search,
+    compare,
+    bench,
+    figure,
+)
 _OUR_ERRORS = (ValueError, KeyError, RuntimeError, OSError, ImportError)  # what a wrong input or machine can raise
 
 

@@ -11,9 +11,7 @@ from .outputs import made, output_file
 def add(subparsers: arguments.Subparsers) -> None:
     p = arguments.command(subparsers, "show", "print a material", run)
     p.add_argument("file", metavar="MAT.bsdf")
-    p.add_argument(
-        "--set", dest="edits", type=_edit, action="append", default=[], metavar="NAME=V[,V,V]", help="edit a parameter"
-    )
+    arguments.add_edits(p)
     arguments.add_variant(p)
     arguments.add_output_file(p, "NEW.bsdf", "write the edited material (default: print only)", required=False)
 
@@ -31,12 +29,3 @@ def run(args: argparse.Namespace) -> dict:
     text = material.show()
     print(text)
     return {"text": text, "output": str(output) if output else None}
-
-
-def _edit(text: str) -> tuple[str, float | tuple[float, ...]]:
-    name, value = arguments.pair(text)
-    try:
-        numbers = tuple(float(v) for v in value.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'"{text}": the values must be numbers, as in rho_d=0.2,0.1,0.0') from None
-    return name, numbers if len(numbers) > 1 else numbers[0]

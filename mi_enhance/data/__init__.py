@@ -5,8 +5,18 @@ source into `wo` and `wi` (the conventions are on top of ``analytic/geometry.py`
 section 6 of the paper does (``directions.py``).
 """
 
+from .functions import function_of
 from .loading import load, names, save_table
 from .measurements import Measurements, clamp_negative
 from .photometric_samples import photometric, photometric_texels
 
-__all__ = ["Measurements", "clamp_negative", "load", "names", "photometric", "photometric_texels", "save_table"]
+__all__ = [
+    "Measurements",
+    "clamp_negative",
+    "function_of",
+    "load",
+    "names",
+    "photometric",
+    "photometric_texels",
+    "save_table",
+]

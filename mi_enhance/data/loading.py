@@ -11,6 +11,8 @@ from ..system.messages import did_you_mean
 from .measurements import Measurements
 from .registry import Reader, readers
 
+_HEAD = 4096  # bytes by which a reader may know its files
+
 
 def load(
     path: str | Path,
@@ -25,7 +27,7 @@ def load(
     Parameters
     ----------
     path : str or Path
-        RGL ``.bsdf`` (RGB version), MERL ``.binary``, NBRDF or NPs ``.npz``, or a table: text or ``.npz``.
+        A file of any kind that :func:`mi_enhance.data.registry.readers` lists; docs/files.md says what each holds.
     n_samples : int
         Pairs of directions to draw (paper: 1e5), uniform in the Rusinkiewicz angles. A table gives its own pairs:
         all of them, or `n_samples` rows drawn without replacement where it has more (`source` says so).
@@ -33,8 +35,8 @@ def load(
         The same seed gives the same samples.
     material : str, optional
         Name of the material, for a file with several (see `names`).
-    kind : {"rgl", "merl", "nbrdf", "nps", "table"}, optional
-        The reader, where content and suffix should not decide.
+    kind : str, optional
+        The reader, such as ``"merl"`` or ``"utia"``, where content and suffix should not decide.
 
     Returns
     -------
@@ -66,15 +68,27 @@ def load(
         raise ValueError(
             f"{where}: kind is {kind!r}. Choose one of: {', '.join(readers())}.{did_you_mean(kind, readers())}"
         )
-    found = _recognized(file, where) if kind is None else readers()[kind]
+    found = recognized(file, where) if kind is None else readers()[kind]
     if found.names is not None:
-        index = _choose(found.names(path), material, where)
+        index = choose(found.names(path), material, where)
         return found.read(path, index, n_samples=n_samples, seed=seed)
     if material is not None:
         raise ValueError(
             f"{where}: this file holds one material, {material!r} was asked for. Leave out material= (--material)."
         )
     return found.read(path, n_samples=n_samples, seed=seed)
+
+
+def kind_of(path: str | Path) -> str:
+    """Return the kind of a measured file, the name of its reader.
+
+    Examples
+    --------
+    >>> kind_of("mi_enhance/bundled/nbrdf/merl.npz")
+    'nbrdf'
+    """
+    where = f'data.kind_of("{path}")'
+    return recognized(files.require_file(path, where), where).kind
 
 
 def names(path: str | Path) -> list[str]:
@@ -86,7 +100,7 @@ def names(path: str | Path) -> list[str]:
     ['bindercover', 'bluebook', 'cardboard']
     """
     where = f'data.names("{path}")'
-    found = _recognized(files.require_file(path, where), where)
+    found = recognized(files.require_file(path, where), where)
     return [files.material_name(path)] if found.names is None else found.names(path)
 
 
@@ -102,13 +116,16 @@ def save_table(measurements: Measurements, path: str | Path) -> None:
     table_file.write(measurements, path)
 
 
-def _recognized(path: Path, where: str) -> Reader:
-    """Return the reader of a file by its content, which tells more than the suffix; then by its suffix."""
+def recognized(path: Path, where: str) -> Reader:
+    """Return the reader of a file by its content, which tells more than the suffix; then by its suffix.
+
+    Errors begin with `where`.
+    """
     with open(path, "rb") as file:
-        head = file.read(12)
+        head = file.read(_HEAD)
     suffix = path.suffix.lower()
     for one in readers().values():
-        if one.magic and head.startswith(one.magic):
+        if (one.magic and head.startswith(one.magic)) or (one.knows is not None and one.knows(head)):
             return one
     if suffix == ".npz" or zipfile.is_zipfile(path):
         return _with_arrays(npz.keys(path, where), where)
@@ -132,7 +149,7 @@ def _with_arrays(held: set[str], where: str) -> Reader:
     raise ValueError(f"{where}: holds the arrays {', '.join(sorted(held)[:12])[:200]}. Needed are, at least, {needed}.")
 
 
-def _choose(available: list[str], material: str | None, where: str) -> int:
+def choose(available: list[str], material: str | None, where: str) -> int:
     """Return the index of `material`; with no name given, that of the only one."""
     if material is None and len(available) == 1:
         return 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,30 @@ class Measurements:
         _refuse(where, "f", self.f, (self.f < 0).any(axis=1), "must be >= 0; clamp it and say so in clamped_fraction")
         if not 0 <= self.clamped_fraction <= 1:
             raise ValueError(f"{where}: clamped_fraction is {self.clamped_fraction}; it is a share, in [0, 1].")
+
+
+def split(measurements: Measurements, n: int, seed: int = 0) -> tuple[Measurements, Measurements]:
+    """Keep `n` random samples aside, at least one; return (the others, those).
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two samples.
+
+    Examples
+    --------
+    >>> m = Measurements(*[[[0, 0, 1]] * 5] * 3)
+    >>> [len(part.f) for part in split(m, 1)]
+    [4, 1]
+    """
+    total = len(measurements.f)
+    if total < 2:
+        raise ValueError(f'split(): "{measurements.name}" has {total} sample; at least two are needed. Measure more.')
+    order = np.random.default_rng(seed).permutation(total)
+    n = min(max(n, 1), total - 1)
+    rows = np.sort(order[n:]), np.sort(order[:n])
+    a, b = (replace(measurements, wi=measurements.wi[k], wo=measurements.wo[k], f=measurements.f[k]) for k in rows)
+    return a, b
 
 
 def _refuse(where: str, key: str, a: np.ndarray, bad: Any, rule: str) -> None:

@@ -16,17 +16,31 @@ from pathlib import Path
 import numpy as np
 
 from ..system.files import material_name, replacing, require_file
+from . import grid
 from .directions import half_difference, rusinkiewicz_to_directions, sample_pairs
 from .measurements import Measurements, clamp_negative
 from .registry import reader
 
 _SHAPE = (90, 90, 180)  # theta_h, theta_d, phi_d; the last varies fastest
+_PERIODIC = (False, False, True)
 _SCALE = np.array([1.0, 1.15, 1.66]) / 1500  # exposure of the camera's channels, from MERL's own reading code
 _SIZE = 12 + 3 * 8 * 90 * 90 * 180
 _INVALID = -1.0
 
 
-@reader("merl", about="MERL .binary", suffixes=(".binary",), magic=np.array(_SHAPE, "<i4").tobytes())
+def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance of a file; see :func:`mi_enhance.data.functions.function_of`.
+
+    Where nothing was measured, which is next to the horizon, the nearest measured cell of smaller theta_d counts.
+    """
+    table = read_table(path)
+    for k in range(1, _SHAPE[1]):
+        table[:, k] = np.where(np.isnan(table[:, k]), table[:, k - 1], table[:, k])
+    table = np.nan_to_num(table, nan=0.0)  # a column without any value
+    return lambda wi, wo: np.maximum(lookup(table, wi, wo), 0)
+
+
+@reader("merl", about="MERL .binary", suffixes=(".binary",), magic=np.array(_SHAPE, "<i4").tobytes(), function=function)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of the measured material in `path`.
 
@@ -58,8 +72,7 @@ def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measur
     table = read_table(path)
 
     def measured(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
-        cell = tuple(np.floor(u + 0.5).astype(np.int64) for u in _coordinates(wi, wo))
-        return ~np.isnan(table[cell[0], cell[1], cell[2] % _SHAPE[2], 0])
+        return ~np.isnan(grid.nearest(table, _coordinates(wi, wo), _PERIODIC)[:, 0])
 
     wi, wo = sample_pairs(n_samples, seed=seed, accept=measured)
     f, clamped_fraction = clamp_negative(lookup(table, wi, wo))
@@ -120,20 +133,7 @@ def lookup(table: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     array (N, 3), float32
         f_r in 1/sr; NaN where none of the eight cells around holds a measurement.
     """
-    u = _coordinates(wi, wo)
-    low = [np.floor(x) for x in u]
-    inside = [x - i for x, i in zip(u, low, strict=True)]
-    total, weights = np.zeros((len(u[0]), 3)), np.zeros((len(u[0]), 1))
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.prod([t if c else 1 - t for t, c in zip(inside, corner, strict=True)], axis=0)[:, None]
-        index = [(i + c).astype(np.int64) for i, c in zip(low, corner, strict=True)]
-        # beyond the last theta the weight is 0; phi_d closes on itself
-        value = table[np.minimum(index[0], 89), np.minimum(index[1], 89), index[2] % _SHAPE[2]]
-        there = ~np.isnan(value[:, :1])
-        total += np.where(there, weight * value, 0)
-        weights += np.where(there, weight, 0)
-    with np.errstate(invalid="ignore"):  # 0 / 0 where nothing was measured: NaN, as documented
-        return (total / weights).astype(np.float32)
+    return grid.interpolate(table, _coordinates(wi, wo), _PERIODIC)
 
 
 def write_merl(path: str | Path, f: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +90,13 @@ def _signed(network: Mapping[str, np.ndarray], wi: np.ndarray, wo: np.ndarray) -
     return f
 
 
-@reader("nbrdf", about="NBRDF .npz", arrays=("names", "W1", "W2", "W3"), names=names)
+def function(path: str | Path, index: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance of material number `index`; see :func:`mi_enhance.data.functions.function_of`."""
+    network = {k: w[index] for k, w in read_networks(path)[1].items()}
+    return lambda wi, wo: decode(network, wi, wo)
+
+
+@reader("nbrdf", about="NBRDF .npz", arrays=("names", "W1", "W2", "W3"), names=names, function=function)
 def read(path: str | Path, index: int, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of material number `index`; see `mi_enhance.data.loading.load`."""
     materials, networks = read_networks(path)

@@ -6,7 +6,7 @@ decode to a material: mixtures of latents are further training materials.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -130,7 +130,20 @@ def decode(
     return f
 
 
-@reader("nps", about="NPs .npz (the latents, with the decoder beside them)", arrays=("names", "mean"), names=names)
+def function(path: str | Path, index: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance of material number `index`; see :func:`mi_enhance.data.functions.function_of`."""
+    decoder = read_decoder(_decoder_beside(path))
+    materials, latents = read_latents(path)
+    return lambda wi, wo: decode(decoder, latents[index], wi, wo, with_cosine=_with_cosine(materials))
+
+
+@reader(
+    "nps",
+    about="NPs .npz (the latents, with the decoder beside them)",
+    arrays=("names", "mean"),
+    names=names,
+    function=function,
+)
 def read(path: str | Path, index: int, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of material number `index`; see `mi_enhance.data.loading.load`.
 
@@ -139,16 +152,24 @@ def read(path: str | Path, index: int, *, n_samples: int = 100_000, seed: int = 
     FileNotFoundError
         If ``decoder.npz`` is not in the same folder.
     """
+    beside = _decoder_beside(path)
+    materials, latents = read_latents(path)
+    wi, wo = sample_pairs(n_samples, seed=seed)
+    f = decode(read_decoder(beside), latents[index], wi, wo, with_cosine=_with_cosine(materials))
+    f, clamped_fraction = clamp_negative(f)
+    return Measurements(wi, wo, f, materials[index], f"NPs file {path}", clamped_fraction)
+
+
+def _decoder_beside(path: str | Path) -> Path:
     beside = Path(path).with_name("decoder.npz")
     if not beside.exists():
         raise FileNotFoundError(
             f'data.load("{path}"): decoder.npz is not in the same folder; seven numbers per material '
             "mean nothing without it. Put it there (it comes with the latents)."
         )
-    materials, latents = read_latents(path)
-    # The file does not say which encoding it has. MERL writes its names with hyphens, RGL with underscores.
-    with_cosine = any("_" in name for name in materials)
-    wi, wo = sample_pairs(n_samples, seed=seed)
-    f = decode(read_decoder(beside), latents[index], wi, wo, with_cosine=with_cosine)
-    f, clamped_fraction = clamp_negative(f)
-    return Measurements(wi, wo, f, materials[index], f"NPs file {path}", clamped_fraction)
+    return beside
+
+
+def _with_cosine(materials: list[str]) -> bool:
+    """Tell the encoding, which the file does not say: MERL writes its names with hyphens, RGL with underscores."""
+    return any("_" in name for name in materials)

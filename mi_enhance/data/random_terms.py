@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from .directions import sample_pairs
+from .directions import sample_pairs, with_peaks
 from .measurements import Measurements
 from .reference_brdfs import frame
 
 
-def assorted(seed: int, n_samples: int = 100_000) -> Measurements:
+def assorted(seed: int, n_samples: int = 100_000, peaks: float = 0.0) -> Measurements:
     """Draw a material from the many shapes that terms of published models take, and measure it.
 
     One to three lobes over a diffuse term. Each has one of three distributions (generalized Trowbridge-Reitz, hence GGX
@@ -23,6 +23,8 @@ def assorted(seed: int, n_samples: int = 100_000) -> Measurements:
     seed : int
         Decides material and directions.
     n_samples : int
+    peaks : float
+        Share of the samples in highlights, see :func:`mi_enhance.data.directions.with_peaks`.
 
     Returns
     -------
@@ -41,12 +43,10 @@ def assorted(seed: int, n_samples: int = 100_000) -> Measurements:
     'assorted_1'
     """
     rng = np.random.default_rng(seed)
-    wi, wo = sample_pairs(n_samples, seed=rng)
+    wi, wo = with_peaks(*sample_pairs(n_samples, seed=rng), peaks, rng)
     t, b, n = frame(np.array([0.0, 0.0, 1.0]), rng.uniform(0, np.pi))
     i, o = (np.asarray(w, np.float64) @ np.stack((t, b, n), 1) for w in (wi, wo))
-    h = i + o
-    cos_d = np.linalg.norm(h, axis=1) / 2
-    h /= 2 * cos_d[:, None]
+    h, cos_d = half_vectors(i, o)
     product = i[:, 2] * o[:, 2]
     q = 1 - np.clip(cos_d, 0, 1)
 
@@ -70,6 +70,14 @@ def assorted(seed: int, n_samples: int = 100_000) -> Measurements:
         scale = np.exp(rng.uniform(*np.log((0.02, 1.5))))
         f = f + scale * _colour(rng, q) * lobe[:, None]
     return Measurements(wi, wo, np.minimum(f, 1e4), f"assorted_{seed}", "synthetic")
+
+
+def half_vectors(i: np.ndarray, o: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the half vectors (N, 3) and the cosine to both directions (N,), the same after a swap to the last bit."""
+    h = i + o
+    cos_d = np.linalg.norm(h, axis=1) / 2
+    h /= 2 * cos_d[:, None]
+    return h, cos_d
 
 
 def _distribution(rng: np.random.Generator, h: np.ndarray, alpha_x: float, alpha_y: float) -> np.ndarray:

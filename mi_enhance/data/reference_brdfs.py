@@ -57,13 +57,28 @@ def ggx(
     D = 1 / (np.pi * alpha_x * alpha_y * ((h[:, 0] / alpha_x) ** 2 + (h[:, 1] / alpha_y) ** 2 + h[:, 2] ** 2) ** 2)
     q = (1 - np.clip(np.sum(h * o, 1), 0, 1)) ** 5  # clip: 1 + 1e-16 for wi = wo
     F = np.asarray(F0) + (1 - np.asarray(F0)) * q[:, None]
-    G: np.ndarray | float = 1.0  # height-uncorrelated: the product of both sides
+    specular = F * (D * smith(i, o, alpha_x, alpha_y) / (4 * i[:, 2] * o[:, 2]))[:, None]
+    f[up] = np.asarray(rho_d) / np.pi + np.asarray(rho_s) * specular
+    return f
+
+
+def smith(i: np.ndarray, o: np.ndarray, alpha_x: float, alpha_y: float) -> np.ndarray:
+    """Return GGX's shadowing and masking (N,), height-uncorrelated: the product of both sides.
+
+    References
+    ----------
+    Heitz 2014, eqs. 85 and 86.
+
+    Examples
+    --------
+    >>> smith(np.array([[0.0, 0, 1]]), np.array([[0.0, 0, 1]]), 0.1, 0.1)
+    array([1.])
+    """
+    G = np.ones(len(i))
     for w in (i, o):
         tan2 = ((alpha_x * w[:, 0]) ** 2 + (alpha_y * w[:, 1]) ** 2) / w[:, 2] ** 2
         G = G * 2 / (1 + np.sqrt(1 + tan2))
-    specular = F * (D * G / (4 * i[:, 2] * o[:, 2]))[:, None]
-    f[up] = np.asarray(rho_d) / np.pi + np.asarray(rho_s) * specular
-    return f
+    return G
 
 
 def ward(

@@ -16,6 +16,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ..system.modules import import_all
 from .measurements import Measurements
 
@@ -35,11 +37,16 @@ class Reader:
     suffixes : tuple of str
         In lower case. They decide where the content says nothing.
     magic : bytes
-        How its files begin, at most 12 bytes; nothing if they have no such mark.
+        How its files begin; nothing if they have no such mark.
+    knows : callable, optional
+        ``knows(head) -> bool``, asked with the first 4 kB of a file where its beginning is not always the same.
     arrays : tuple of str
         What a ``.npz`` of this kind holds, at least.
     names : callable, optional
         ``names(path) -> list of str``, the materials in a collection; None if a file holds one material.
+    function : callable, optional
+        ``function(path) -> f``, of a collection ``function(path, index) -> f``: the reflectance ``f(wi, wo)`` between
+        the values of the file, (N, 3), >= 0. None if it has none.
     """
 
     kind: str
@@ -47,8 +54,10 @@ class Reader:
     read: Callable[..., Measurements]
     suffixes: tuple[str, ...] = ()
     magic: bytes = b""
+    knows: Callable[[bytes], bool] | None = None
     arrays: tuple[str, ...] = ()
     names: Callable[[str | Path], list[str]] | None = None
+    function: Callable[..., Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
 
 
 _readers: dict[str, Reader] = {}

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .directions import MIN_COS, direction, sample_pairs
+from .directions import MIN_COS, direction, sample_pairs, with_peaks
 from .measurements import Measurements, clamp_negative
-from .reference_brdfs import beckmann, ggx, ward
+from .reference_brdfs import beckmann, frame, ggx, ward
 
 _F0 = 0.04
 _RHO_S_MAX = 10.0
@@ -19,7 +19,7 @@ _ALPHA_RANGE = (0.006, 0.503)  # OpenSVBRDF's published range, log-uniform
 
 
 def ggx_anisotropic(
-    seed: int, n_samples: int = 100_000, noise: float = 0.1, max_tilt: float = 0.0
+    seed: int, n_samples: int = 100_000, noise: float = 0.1, max_tilt: float = 0.0, peaks: float = 0.0
 ) -> tuple[Measurements, dict]:
     """Draw a material and measure it.
 
@@ -32,6 +32,8 @@ def ggx_anisotropic(
         Standard deviation of the multiplicative Gaussian noise of mean 1 (paper: 0.1).
     max_tilt : float
         The shading normal leans by an angle uniform in [0, max_tilt] radians, in a random direction.
+    peaks : float
+        Share of the samples in the highlight, see :func:`mi_enhance.data.directions.with_peaks`.
 
     Returns
     -------
@@ -68,12 +70,14 @@ def ggx_anisotropic(
         return np.minimum(wi @ truth["n"], wo @ truth["n"]) >= MIN_COS
 
     wi, wo = sample_pairs(n_samples, seed=rng, accept=above)
+    axes = np.stack(frame(truth["n"], truth["t_theta"]))
+    wi, wo = with_peaks(wi, wo, peaks, rng, alpha=(truth["alpha_x"], truth["alpha_y"]), axes=axes)
     f = ggx(wi, wo, **truth) * rng.normal(1, noise, (n_samples, 3))
     f, clamped_fraction = clamp_negative(f)
     return Measurements(wi, wo, f, f"ggx_anisotropic_{seed}", f"synthetic, noise {noise}", clamped_fraction), truth
 
 
-def two_lobes(seed: int, n_samples: int = 100_000) -> Measurements:
+def two_lobes(seed: int, n_samples: int = 100_000, peaks: float = 0.0) -> Measurements:
     """Draw a material with a sharp and a wide lobe, like a coat over paint or a flake in lacquer, and measure it.
 
     One GGX cannot be such a material: networks that saw only single lobes do not generalize to real ones. Half of the
@@ -84,6 +88,8 @@ def two_lobes(seed: int, n_samples: int = 100_000) -> Measurements:
     seed : int
         Decides material and directions.
     n_samples : int
+    peaks : float
+        Share of the samples in highlights, see :func:`mi_enhance.data.directions.with_peaks`.
 
     Returns
     -------
@@ -99,7 +105,7 @@ def two_lobes(seed: int, n_samples: int = 100_000) -> Measurements:
     base = rng.uniform(0, 1, 3) * rng.uniform(0, 1)
     frame: dict = {"n": np.array([0.0, 0.0, 1.0]), "t_theta": rng.uniform(0, np.pi)}
     isotropic = rng.random() < 0.5
-    wi, wo = sample_pairs(n_samples, seed=rng)
+    wi, wo = with_peaks(*sample_pairs(n_samples, seed=rng), peaks, rng)
     f = np.zeros((n_samples, 3))
     alpha = np.exp(rng.uniform(*np.log((0.01, 0.3))))
     for k in range(2):

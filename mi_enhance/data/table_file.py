@@ -4,7 +4,8 @@ Text: one line of column names, one row per sample, columns in any order:
 
 * directions: ``wi_x, wi_y, wi_z, wo_x, wo_y, wo_z`` (unit vectors) or ``theta_i, phi_i, theta_o, phi_o`` (polar angle
   to the normal, azimuth from +x; radians). The index i is the viewer, o the light, as everywhere in this package;
-* reflectance: ``f_r, f_g, f_b`` or, for grey, a single ``f``: f_r in 1/sr without the cosine, linear RGB.
+* reflectance in 1/sr without the cosine: ``f_r, f_g, f_b`` (linear RGB), a single ``f`` (grey), or any number of
+  wavelengths in nm, ``f_450nm, f_550nm, ...``, which become linear RGB (``spectra.py``).
 
 Other columns are ignored, and `source` names them. Units may stand behind the names or in a line below:
 ``theta_i_deg``, ``phi_o [rad]``, ``f (1/sr)``. Angles are in degrees if a name says so, or a comment ("angles in
@@ -12,7 +13,7 @@ degrees"). Columns are separated by commas, semicolons, tabs or spaces; numbers 
 separates them. Lines that are empty or begin with ``#``, ``%`` or ``//`` are comments; a header may be one. UTF-8 or
 UTF-16.
 
-NPZ: the arrays ``wi`` (N, 3), ``wo`` (N, 3), ``f`` (N, 3), or (N,) for grey.
+NPZ: the arrays ``wi`` (N, 3), ``wo`` (N, 3), ``f`` (N, 3), or (N,) for grey, or (N, W) beside ``wavelengths`` (W,).
 
 Directions within 1e-3 of unit length are normalized, others are an error. Rows with a direction at or below the
 horizon (z <= 0), where f is 0 by definition and teaches nothing, are dropped, and `source` says how many.
@@ -20,7 +21,6 @@ horizon (z <= 0), where f is 0 by definition and teaches nothing, are dropped, a
 
 from __future__ import annotations
 
-import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -28,17 +28,24 @@ from pathlib import Path
 import numpy as np
 
 from ..system import npz
-from ..system.files import material_name, replacing, require_file
+from ..system.files import replacing, require_file
 from .directions import UNIT_TOLERANCE
-from .measurements import Measurements, clamp_negative
+from .measurements import Measurements
 from .registry import reader
-from .table_header import ANGLES, GREY, RGB, VECTORS
+from .rows import from_rows
+from .scattered import interpolated
+from .spectra import to_rgb
+from .table_header import ANGLES, GREY, RGB, VECTORS, wavelength
 from .text_table import TextTable, read_text
 
 _EXACT = 1e-6  # float32 rounding: such vectors are kept bit by bit
-# More than this share of rows below the horizon is no accident: another axis is the normal, or another angle polar.
-_MANY_BELOW = 0.5
+_MOST_ROWS = 1_000_000  # between which values are sought: more slow the search down and say no more
 _Place = Callable[[int], str]
+
+
+def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance between the rows of a table; see :func:`mi_enhance.data.functions.function_of`."""
+    return interpolated(read(path, n_samples=_MOST_ROWS))
 
 
 @reader(
@@ -46,6 +53,7 @@ _Place = Callable[[int], str]
     about="tables .csv, .tsv, .txt, .dat and .npz",
     suffixes=(".csv", ".tsv", ".txt", ".dat"),
     arrays=("wi", "wo", "f"),
+    function=function,
 )
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     r"""Read a table; columns and rules are in the head of this module.
@@ -86,26 +94,7 @@ def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measur
     is_npz = file.suffix.lower() == ".npz" or zipfile.is_zipfile(file)
     wi, wo, f, notes, place = (_read_npz if is_npz else _read_text)(file, where)
     wi, wo = _unit(wi, "wi", place, where), _unit(wo, "wo", place, where)
-    above = (wi[:, 2] > 0) & (wo[:, 2] > 0)
-    if not above.any():
-        raise ValueError(
-            f"{where}: no row has both directions above the horizon (z > 0). Is the normal +z in this table?"
-        )
-    if not above.all():
-        notes.append(f"{np.sum(~above)} rows below the horizon dropped")
-    if np.mean(~above) > _MANY_BELOW:
-        warnings.warn(
-            f"{where}: {np.sum(~above)} of {len(above)} rows have a direction below the horizon (z <= 0) and "
-            "are dropped. The normal must be +z; polar angles are from it, in radians unless the table says degrees.",
-            stacklevel=2,
-        )
-    rows = np.flatnonzero(above)
-    if len(rows) > n_samples:
-        notes.append(f"{n_samples} of {len(rows)} rows drawn")
-        rows = np.sort(np.random.default_rng(seed).choice(rows, n_samples, replace=False))
-    f, clamped_fraction = clamp_negative(f[rows])
-    source = "; ".join([f"table {path}", *notes])
-    return Measurements(wi[rows], wo[rows], f, material_name(path), source, clamped_fraction)
+    return from_rows(path, wi, wo, f, where=where, about="table", notes=notes, n_samples=n_samples, seed=seed)
 
 
 def write(measurements: Measurements, path: str | Path) -> None:
@@ -134,10 +123,14 @@ def _read_text(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarr
     column, place = table.columns, lambda i: f"line {table.lines[i]}"
     for name, values in column.items():
         _finite(values[:, None], [name], place, where)
-    rgb = [column[c] for c in (RGB if RGB[0] in column else GREY * 3)]
     ignored = [n for n in table.header.names if n and n not in column]
     notes = [f"columns ignored: {', '.join(ignored)[:200]}"] if ignored else []
-    f = np.stack(rgb, 1)
+    if RGB[0] in column or GREY[0] in column:
+        f = np.stack([column[c] for c in (RGB if RGB[0] in column else GREY * 3)], 1)
+    else:
+        bands = [n for n in column if wavelength(n) is not None]
+        f, more = to_rgb(np.stack([column[n] for n in bands], 1), [f"{wavelength(n):g}nm" for n in bands], where)
+        notes += more
     if VECTORS[0] in column:
         v = np.stack([column[c] for c in VECTORS], 1)
         return v[:, :3], v[:, 3:], f, notes, place
@@ -181,20 +174,29 @@ def _radians(table: TextTable, where: str) -> dict[str, np.ndarray]:
 
 def _read_npz(path: Path, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str], _Place]:
     """Return what `_read_text` does."""
-    arrays = npz.read(path, ["wi", "wo", "f"], where)
+    spectral = "wavelengths" in npz.keys(path, where)
+    arrays = npz.read(path, ["wi", "wo", "f", *(["wavelengths"] if spectral else [])], where)
     n = len(arrays["wi"]) if arrays["wi"].ndim else 0
     place = lambda i: f"row {i + 1}"  # noqa: E731
-    for key, shapes in (("wi", [(n, 3)]), ("wo", [(n, 3)]), ("f", [(n, 3), (n,), (n, 1)])):
+    bands = arrays["wavelengths"] if spectral else None
+    of_f = [(n, 3), (n,), (n, 1)] if bands is None else [(n, bands.size)]
+    for key, shapes in (("wi", [(n, 3)]), ("wo", [(n, 3)]), ("f", of_f)):
         a = arrays[key]
         if a.dtype.kind not in "fiu" or a.shape not in shapes or n == 0:
+            spectrum = "" if bands is None else f"; beside {bands.size} wavelengths (N, {bands.size})"
             raise ValueError(
                 f"{where}: {key} is {a.dtype} with shape {a.shape}; wi and wo must be numbers (N, 3), f (N, 3) or, for "
-                f"grey, (N,), with the same N of at least 1. wi has N = {n}."
+                f"grey, (N,){spectrum}, with the same N of at least 1. wi has N = {n}."
             )
         with np.errstate(over="ignore"):
             arrays[key] = a.astype(np.float64).reshape(n, -1)
-        _finite(arrays[key], [f"{key}[{k}]" for k in range(3)], place, where)
-    return arrays["wi"], arrays["wo"], np.broadcast_to(arrays["f"], (n, 3)), [], place
+        _finite(arrays[key], [f"{key}[{k}]" for k in range(arrays[key].shape[1])], place, where)
+    if bands is None:
+        return arrays["wi"], arrays["wo"], np.broadcast_to(arrays["f"], (n, 3)), [], place
+    if bands.dtype.kind not in "fiu" or bands.ndim != 1:
+        raise ValueError(f"{where}: wavelengths is {bands.dtype} with shape {bands.shape}; it must be numbers (W,).")
+    f, notes = to_rgb(arrays["f"], [f"{nm}nm" for nm in bands.tolist()], where)
+    return arrays["wi"], arrays["wo"], f, notes, place
 
 
 def _finite(rows: np.ndarray, columns: list[str], place: _Place, where: str) -> None:

@@ -18,7 +18,8 @@ ANGLES = ("theta_i", "phi_i", "theta_o", "phi_o")
 RGB, GREY = ("f_r", "f_g", "f_b"), ("f",)
 EXPECTED = (
     f"Expected is one line of column names above the numbers: {', '.join(VECTORS)}, or {', '.join(ANGLES)} (radians; "
-    "degrees as theta_i_deg, ...); and f_r, f_g, f_b, or f. Separate by commas, semicolons, tabs or spaces; begin "
+    "degrees as theta_i_deg, ...); and f_r, f_g, f_b; or f; or wavelengths, f_450nm, f_550nm, ... "
+    "Separate by commas, semicolons, tabs or spaces; begin "
     "lines of comment with #."
 )
 
@@ -29,6 +30,7 @@ _UNITS = {
     **dict.fromkeys((*RGB, *GREY), dict.fromkeys(("1/sr", "sr^-1", "sr-1", "sr**-1", "sr⁻¹"), _PER_SR)),
     **dict.fromkeys(VECTORS, dict.fromkeys(("1", "-", "none"), _NONE)),
 }  # fmt: skip
+_SPECTRAL = re.compile(r"f[_ ]?(\d{1,5}(?:\.\d+)?)\s*(?:nm|\[nm\]|\(nm\))", re.IGNORECASE)
 _LONGEST_FIRST = sorted(_UNITS, key=len, reverse=True)  # f_r before f
 _SEPARATORS = (";", "\t", ",", None)  # None: any white space; last, as it stands beside the others, too
 _COMMENT = re.compile(r"^\s*(?:#|%|//|sep=)")  # sep=: a line for Excel
@@ -66,6 +68,18 @@ class Header:
     separator: str | None
     first: int
     comments_say_degrees: bool
+
+
+def wavelength(name: str) -> float | None:
+    """Return the wavelength in nm of a column of a spectrum; None for another column.
+
+    Examples
+    --------
+    >>> wavelength("f_550nm"), wavelength("f 412.5 [nm]"), wavelength("f_r")
+    (550.0, 412.5, None)
+    """
+    found = _SPECTRAL.fullmatch(name.strip())
+    return float(found[1]) if found else None
 
 
 def is_comment(line: str) -> bool:
@@ -158,7 +172,7 @@ class _Names:
 
     @property
     def known(self) -> int:
-        return sum(n in _UNITS for n in self.names)
+        return sum(n in _UNITS or wavelength(n) is not None for n in self.names)
 
     @property
     def complete(self) -> bool:
@@ -174,9 +188,10 @@ class _Names:
 
 
 def _needed(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the columns to read; None if some are missing. Vectors and colours come before angles and grey."""
+    """Return the columns to read; None if some are missing. Vectors come before angles, colours before spectra."""
     directions = next((g for g in (VECTORS, ANGLES) if {*g} <= {*names}), None)
-    colours = next((g for g in (RGB, GREY) if {*g} <= {*names}), None)
+    spectrum = tuple(n for n in names if wavelength(n) is not None)
+    colours = next((g for g in (RGB, GREY) if {*g} <= {*names}), spectrum or None)
     return (*directions, *colours) if directions and colours else None
 
 
@@ -199,7 +214,7 @@ def _names(line: str, where: str) -> _Names:
             if name and unit is not None and unit not in _UNITS[name].values():
                 allowed = ", ".join(_UNITS[name])
                 raise ValueError(f"{where}: column {name} is in {shortened(unit)}; known units are {allowed}.")
-        twice = {n for n in best.names if n in _UNITS and best.names.count(n) > 1}
+        twice = {n for n in best.names if (n in _UNITS or wavelength(n)) and best.names.count(n) > 1}
         if twice:
             raise ValueError(f"{where}: the column {min(twice)} stands there twice. Leave one of them.")
     return best

@@ -1,5 +1,8 @@
 """Several materials in one scene, held against the ground truth: pictures, SSIM, Delta E_ITP and run time.
 
+A measurement that cannot be rendered (all but RGL files) is a truth for samples only: then there are renders of the
+models and log-L1, and no errors of pictures.
+
 All renders use the same scene, seed and number of samples. Each material is rendered once with few samples before the
 clock starts, so the rate (Mpaths/s) holds no compilation; the time of that first frame is reported beside it.
 """
@@ -23,7 +26,7 @@ from ..output.table import write_table
 from ..system.files import material_name, replacing
 from ..system.progress import Callback, Progress, silent
 from . import comparison_picture, image_metrics, scenes
-from .truth import rgl_file
+from .truth import rendered_truth
 
 _WARM_UP_SPP = 1  # compiles the same kernels as any other number
 
@@ -32,7 +35,7 @@ if TYPE_CHECKING:  # mi.BSDF is there only once a variant is set
 
 
 def compare(
-    truth: BSDF,
+    truth: BSDF | None,
     candidates: Mapping[str, BSDF],
     folder: str | Path,
     *,
@@ -48,8 +51,8 @@ def compare(
 
     Parameters
     ----------
-    truth : dict or mi.BSDF
-        The ground truth.
+    truth : dict, mi.BSDF or None
+        The ground truth; None if it cannot be rendered.
     candidates : dict of str to dict or mi.BSDF
         The models to compare, in order; the keys are the labels.
     folder : str or Path
@@ -68,9 +71,10 @@ def compare(
     Returns
     -------
     list of dict
-        One row for the ground truth and each candidate: ``label``, ``ssim``, ``delta_E_ITP_1000`` (mean, times
-        1000), ``psnr`` in dB (None where images are equal), ``mean_abs_log``, ``render_seconds_cold`` (scene, tracing,
-        compilation, one sample), ``render_seconds``, ``mpaths_per_s``, ``image`` (path of the EXR).
+        One row for the ground truth, if any, and each candidate: ``label``, ``ssim``, ``delta_E_ITP_1000`` (mean, times
+        1000), ``psnr`` in dB (None where images are equal), ``mean_abs_log`` (these four only beside a ground truth),
+        ``render_seconds_cold`` (scene, tracing, compilation, one sample), ``render_seconds``, ``mpaths_per_s``,
+        ``image`` (path of the EXR).
 
     Raises
     ------
@@ -81,9 +85,10 @@ def compare(
     --------
     >>> compare({"type": "diffuse"}, {"GGX": {"type": "roughconductor"}}, "out")  # doctest: +SKIP
     """
-    bsdfs = {truth_label: truth, **candidates}
+    bsdfs = dict(candidates) if truth is None else {truth_label: truth, **candidates}
     files = {label: f"{_file_name(label)}.exr" for label in bsdfs}
-    if len(bsdfs) != len(candidates) + 1 or len(set(files.values())) != len(bsdfs) or not candidates:
+    clash = truth is not None and truth_label in candidates
+    if clash or len(set(files.values())) != len(bsdfs) or not candidates:
         raise ValueError(
             f"compare(): labels {[truth_label, *candidates]} must be at least two, and differ in letters or digits, "
             "because each names a file. Rename one."
@@ -98,22 +103,21 @@ def compare(
         progress(Progress(f"render {label}: {resolution} x {resolution}, {spp} spp", k, len(bsdfs)))
         images[label], seconds = _render(bsdf, scene, resolution, spp, seed)
         _write_exr(images[label], folder / files[label])
-        pair = images[label], images[truth_label]
-        errors[label] = image_metrics.delta_E_ITP_map(*pair)
-        psnr = image_metrics.psnr(*pair)
-        rows.append(
-            {
-                "label": label,
+        row: dict[str, Any] = {"label": label}
+        if truth is not None:
+            pair = images[label], images[truth_label]
+            errors[label] = image_metrics.delta_E_ITP_map(*pair)
+            psnr = image_metrics.psnr(*pair)
+            row |= {
                 "ssim": image_metrics.ssim(*pair),
                 "delta_E_ITP_1000": 1000 * float(np.mean(errors[label])),
                 "psnr": psnr if np.isfinite(psnr) else None,  # JSON knows no infinity
                 "mean_abs_log": image_metrics.mean_abs_log(*pair),
-                **seconds,
-                "image": str(folder / files[label]),
             }
-        )
-    tiles = [{**row, "image": images[row["label"]], "error": errors[row["label"]]} for row in rows[1:]]
-    comparison_picture.draw((truth_label, images[truth_label]), tiles, folder / "comparison.png", title=title)
+        rows.append({**row, **seconds, "image": str(folder / files[label])})
+    tiles = [{**row, "image": images[row["label"]], "error": errors.get(row["label"])} for row in rows]
+    shown = None if truth is None else (truth_label, images[truth_label])
+    comparison_picture.draw(shown, tiles[truth is not None :], folder / "comparison.png", title=title)
     return rows
 
 
@@ -137,6 +141,7 @@ def compare_file(
     path: str | Path,
     folder: str | Path,
     *,
+    material: str | None = None,
     models: Mapping[str, Material] | None = None,
     method: Literal["lm", "rmsprop"] = "lm",
     n_samples: int = 100_000,
@@ -144,14 +149,17 @@ def compare_file(
     progress: Callback = silent,
     **render: Any,
 ) -> list[dict]:
-    """Fit models to one measured RGL file and compare them with it.
+    """Fit models to one measured file and compare them with it.
 
     Parameters
     ----------
     path : str or Path
-        RGL ``.bsdf``, which Mitsuba's plugin ``measured`` renders as ground truth.
+        Of any kind that :func:`mi_enhance.data.loading.load` reads. An RGL ``.bsdf`` is rendered as ground truth by
+        Mitsuba's plugin ``measured``; of other kinds the errors are those of the samples.
     folder : str or Path
         As for `compare`; besides, ``<label>.bsdf`` for each fitted material.
+    material : str, optional
+        Which one, in a file that holds several.
     models : dict of str to Material, optional
         Unfitted materials by label; `default_models` if left out.
     method, n_samples, seed
@@ -162,33 +170,35 @@ def compare_file(
     Returns
     -------
     list of dict
-        The rows of `compare`, with ``material``, ``log_l1``, ``fit_seconds``, ``bytes`` (of the file of a measured
-        material; of the parameters and network of a fitted one) and ``file``.
+        The rows of `compare`, with ``material``, ``log_l1`` (of the samples), ``fit_seconds``, ``bytes`` (of the file
+        of a measured material; of the parameters and network of a fitted one) and ``file``.
 
     Examples
     --------
     >>> compare_file("mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf", "out/satin")  # doctest: +SKIP
     """
-    path = rgl_file(path, "compare_file()")
-    folder = Path(folder)
+    truth = rendered_truth(path, "compare_file()")
+    measurements = load(path, n_samples=n_samples, seed=seed, material=material)
+    path, folder = Path(path), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    measurements = load(path, n_samples=n_samples, seed=seed, kind="rgl")
     models = default_models() if models is None else models
     fitted: dict[str, BSDF] = {}
-    columns: list[dict] = [{"log_l1": 0.0, "fit_seconds": None, "bytes": path.stat().st_size, "file": str(path)}]
+    columns: list[dict] = []
+    if truth:
+        columns.append({"log_l1": 0.0, "fit_seconds": None, "bytes": path.stat().st_size, "file": str(path)})
     for k, (label, model) in enumerate(models.items()):
         progress(Progress(f"fit {label} to {len(measurements.f)} samples of {measurements.name}", k, len(models)))
-        material = fit(model, measurements, method=method, seed=seed)
+        ours = fit(model, measurements, method=method, seed=seed)
         file = folder / f"{_file_name(label)}.bsdf"
-        material.save(file)
-        fitted[label] = material.bsdf()
-        report = material.report
+        ours.save(file)
+        fitted[label] = ours.bsdf()
+        report = ours.report
         columns.append(
-            {"log_l1": report["log_l1"], "fit_seconds": report["seconds"], "bytes": material.n_bytes, "file": str(file)}
+            {"log_l1": report["log_l1"], "fit_seconds": report["seconds"], "bytes": ours.n_bytes, "file": str(file)}
         )
-    truth = {"type": "measured", "filename": str(path)}
-    rows = compare(truth, fitted, folder, seed=seed, progress=progress, title=material_name(path), **render)
-    return [{"material": material_name(path), **row, **column} for row, column in zip(rows, columns, strict=True)]
+    name = measurements.name
+    rows = compare(truth, fitted, folder, seed=seed, progress=progress, title=name, **render)
+    return [{"material": name, **row, **column} for row, column in zip(rows, columns, strict=True)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -234,7 +244,7 @@ def compare_files(paths: Sequence[str | Path], folder: str | Path, **settings: A
     --------
     >>> compare_files(["mi_enhance/bundled/rgl/satin_rosaline_rgb.bsdf"], "out")  # doctest: +SKIP
     """
-    names = [material_name(path) for path in paths]
+    names = [settings.get("material") or material_name(path) for path in paths]
     if not names or len(set(names)) != len(names):
         raise ValueError(f"compare_files(): materials {names} must be at least one and all different. Rename a file.")
     folder = Path(folder)
@@ -253,7 +263,7 @@ def _mean(rows: list[dict], name: str) -> list[dict]:
         group = [row for row in rows if row["label"] == label]
         mean: dict[str, Any] = {"material": name, "label": label}
         for key in group[0]:
-            values = [row[key] for row in group]
+            values: list[Any] = [row.get(key) for row in group]  # some files have a render beside them, some have not
             if key == "mpaths_per_s":
                 mean[key] = len(values) / sum(1 / value for value in values)
             elif key == "bytes":

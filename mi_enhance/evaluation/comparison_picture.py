@@ -19,11 +19,11 @@ def draw(truth, candidates, path, *, title=None):
 
     Parameters
     ----------
-    truth : (str, array (H, W, 3))
-        Label and render of the ground truth, linear RGB.
+    truth : (str, array (H, W, 3)), optional
+        Label and render of the ground truth, linear RGB. Without one the candidates stand alone, without error maps.
     candidates : list of dict
-        Each with ``label``, ``image`` (H, W, 3), ``error`` (H, W; Delta E_ITP of each pixel), ``ssim`` and
-        ``delta_E_ITP_1000``.
+        Each with ``label``, ``image`` (H, W, 3) and, beside a ground truth, ``error`` (H, W; Delta E_ITP of each
+        pixel), ``ssim`` and ``delta_E_ITP_1000``.
     path : str or Path
         ``.png`` or another format matplotlib writes.
     title : str, optional
@@ -38,9 +38,10 @@ def draw(truth, candidates, path, *, title=None):
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    height, width = truth[1].shape[:2]
+    height, width = candidates[0]["image"].shape[:2]
     tile = _TILE_INCHES * height / width  # height of a tile
-    size = (len(candidates) + 1) * (_TILE_INCHES + _GAP) - _GAP, 2 * tile + 2 * _LINE + _GAP
+    columns, below = (len(candidates) + 1, tile) if truth else (len(candidates), 0)
+    size = columns * (_TILE_INCHES + _GAP) - _GAP, tile + below + 2 * _LINE + _GAP
     with sheet(path, size, _DPI, layout=None) as figure:
 
         def axes(column, bottom):
@@ -50,11 +51,15 @@ def draw(truth, candidates, path, *, title=None):
             return ax
 
         def render(column, image, label, text):
-            ax = axes(column, tile + _LINE)
+            ax = axes(column, below + _LINE)
             ax.imshow(encode_srgb(image))
             ax.set_title(label, fontsize=10, pad=4)
             ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", fontsize=9)
 
+        if not truth:
+            for column, candidate in enumerate(candidates):
+                render(column, candidate["image"], candidate["label"], title or "")
+            return
         errors = [1000 * candidate["error"] for candidate in candidates]
         # 1e-3 keeps the scale from being empty where every candidate equals the truth
         scale = Normalize(0, max(1e-3, float(np.percentile(errors, _PERCENTILE))))

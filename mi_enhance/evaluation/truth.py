@@ -1,14 +1,15 @@
-"""The measured file that renders are held against."""
+"""The measured file that models are held against."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from ..data.loading import kind_of
 from ..system.files import require_file
 
 
-def rgl_file(path: str | Path, where: str) -> Path:
-    """Return the path of an RGL ``.bsdf`` file, the one kind of measurement that Mitsuba can render as it is.
+def rendered_truth(path: str | Path, where: str) -> dict | None:
+    """Return the BSDF of a measured file, or None: Mitsuba renders RGL files as they are, and no other kind.
 
     Parameters
     ----------
@@ -16,21 +17,21 @@ def rgl_file(path: str | Path, where: str) -> Path:
     where : str
         Who asks, for the message.
 
+    Returns
+    -------
+    dict or None
+        For ``mi.load_dict``.
+
     Raises
     ------
     ValueError, FileNotFoundError
-        If the file is of another kind, or is not there.
+        If no reader knows the file, or it is not there.
 
     Examples
     --------
-    >>> rgl_file("mi_enhance/bundled/nps/merl.npz", "compare()")
-    Traceback (most recent call last):
-    ValueError: compare(): "mi_enhance/bundled/nps/merl.npz" cannot be rendered as the ground truth: Mitsuba's "measured" reads RGL .bsdf files only. Give one; `mi-enhance fit` reads every kind and states the log-L1.
-    """  # noqa: E501
+    >>> rendered_truth("mi_enhance/bundled/rgl/aurora_white_rgb.bsdf", "compare()")["type"]
+    'measured'
+    >>> rendered_truth("mi_enhance/bundled/nps/merl.npz", "compare()")
+    """
     file = require_file(path, f'{where}: "{path}"')
-    if file.suffix.lower() != ".bsdf":
-        raise ValueError(
-            f'{where}: "{path}" cannot be rendered as the ground truth: Mitsuba\'s "measured" reads RGL .bsdf files '
-            "only. Give one; `mi-enhance fit` reads every kind and states the log-L1."
-        )
-    return file
+    return {"type": "measured", "filename": str(file)} if kind_of(file) == "rgl" else None

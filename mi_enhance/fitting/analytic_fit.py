@@ -8,7 +8,8 @@ from ..analytic import parameters
 from ..data.measurements import Measurements
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import levenberg_marquardt
-from .objective import Objective, stacked
+from .objective import Objective
+from .problems import stacked
 
 
 def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, index=slice(None)) -> Objective:

@@ -13,6 +13,7 @@ from ..analytic.parameter_space import Space
 from ..data.measurements import Measurements
 from ..material.colour_normalization import normalize, plain
 from ..material.material import Material
+from ..neural.enhance import trunk_start
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
 from ..sampling.mixture_fit import fit_mixture
@@ -33,6 +34,9 @@ _NEAREST, _SCREEN = 28, 1024  # training materials to start from, besides the an
 # Many starts on few samples first. Chosen on the materials that training keeps aside; more of everything lowers the
 # loss by 1 to 2 % at twice the time.
 _STAGES = (Stage(1024, None, 12), Stage(2048, 12, 15), Stage(8192, 3, 36), Stage(None, 1, 15))
+# A read-out starts at the analytic model, and a step of its hundreds of numbers takes longer: fewer starts.
+_NEAREST_READ_OUTS = 3
+_READ_OUT_STAGES = (Stage(1024, None, 8), Stage(4096, 2, 12), Stage(16384, 1, 15), Stage(1 << 15, 1, 6))
 _TOLERANCE = 3e-4  # a share of the loss; the last stage has all samples, so no other one needs more
 
 
@@ -92,7 +96,7 @@ def fit(
     """
     if method not in METHODS:
         raise ValueError(f'fit(): method "{method}" is unknown. Choose one of: {", ".join(METHODS)}.')
-    if reciprocal and material.brdf.modules and material.brdf.inputs == "directions":
+    if reciprocal and material.brdf.networks and material.brdf.inputs == "directions":
         raise ValueError(
             'fit(): reciprocal=True, but this network reads raw directions (inputs="directions") and tells viewer from '
             "light. Choose a network with symmetric or shape inputs, such as ggx2."
@@ -112,9 +116,11 @@ def fit(
     vector, loss_analytic = run(analytic, [_given(analytic, material), *analytic_starts(analytic)])
     seconds_analytic = time.perf_counter() - start
     loss = loss_analytic
-    if material.brdf.modules:
+    if material.brdf.networks:
         first = parameters.flatten(material.brdf.parameters, parameters.initial(material.brdf.parameters))
         first[: len(vector)] = vector
+        if material.brdf.trunk:
+            first = trunk_start(material.brdf, first, reciprocal)
         starts = [_given(material.brdf, material), first]
         known = None
         if material.library is not None:
@@ -122,6 +128,8 @@ def fit(
                 material, library_prior.weight(measurements.wi, measurements.wo, loss_analytic)
             )
         vector, loss = run(material.brdf, starts, known)
+        if material.brdf.trunk and loss > loss_analytic:  # samples that an early stage did not see
+            vector, loss = first, loss_analytic
     values = parameters.unflatten(material.brdf.parameters, vector)
     report: FitReport = {
         "model": str(material.brdf),
@@ -149,7 +157,7 @@ def fit(
         lobe_albedo=albedo.lobe_albedo(fitted.brdf, fitted.as_drjit()),
         mixture=fit_mixture(fitted.brdf, fitted.as_drjit()),
     )
-    return _bounded(fitted, measurements) if bound_energy else fitted
+    return with_bounded_energy(fitted, measurements) if bound_energy else fitted
 
 
 def _search(
@@ -166,25 +174,28 @@ def _search(
     samples = TexelSamples(measurements.wi, measurements.wo, measurements.f, rng)  # of one texel
     space, only = Space(brdf.parameters, hold), np.zeros(1, int)
     u = space.to_free(starts)[None]
-    if brdf.modules and library is not None:
+    if brdf.networks and library is not None:
         candidates = space.to_free(np.asarray(library, np.float64))
-        chosen = multistart.nearest(samples, brdf, only, candidates, _NEAREST, _SCREEN)
+        n = _NEAREST_READ_OUTS if brdf.trunk else _NEAREST
+        chosen = multistart.nearest(samples, brdf, only, candidates, n, _SCREEN)
         u = np.concatenate([u, chosen], axis=1)
+    stages = _READ_OUT_STAGES if brdf.trunk else _STAGES
     # stages up to the first that sees all samples: a later one would see the same
-    last = next(k for k, stage in enumerate(_STAGES) if (stage.n_samples or samples.n) >= samples.n)
-    name = "enhanced" if brdf.modules else "analytic"
+    last = next((k for k, stage in enumerate(stages) if (stage.n_samples or samples.n) >= samples.n), len(stages) - 1)
+    name = "enhanced" if brdf.networks else "analytic"
 
     def report(stage: Stage, step: int, losses: np.ndarray) -> None:
         n = min(stage.n_samples or samples.n, samples.n)
         progress(Progress(f"{name}, {n} samples", step + 1, stage.n_steps, {"loss": float(losses.min())}))
 
     best, losses = multistart.minimize(
-        samples, brdf, only, u, _STAGES[: last + 1], space=space, known=known, tolerance=_TOLERANCE, report=report
+        samples, brdf, only, u, stages[: last + 1], space=space, known=known, tolerance=_TOLERANCE, report=report
     )
-    return space.to_physical(best[0]), float(losses[0])
+    loss = samples.problem(brdf, only).loss(best) if (stages[last].n_samples or 0) < samples.n else losses
+    return space.to_physical(best[0]), float(loss[0])
 
 
-def _bounded(material: Material, measurements: Measurements) -> Material:
+def with_bounded_energy(material: Material, measurements: Measurements) -> Material:
     """The material with bounded energy, and what that costs in its report."""
     material = material.bounded()
     f, cos = material.evaluate(measurements.wi, measurements.wo), measurements.wo[:, 2]

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..analytic import parameter_space, parameters
-from ..material.material import Material
+from ..material.material import Material, refuse_trunk
 from ..material.material_maps import MaterialMaps
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
@@ -75,7 +75,7 @@ def fit_texels(
     Parameters
     ----------
     material : Material
-        A network (``Material.pretrained()``) or an analytic model (``Material.analytic("ggx")``).
+        A network of few numbers (``Material.pretrained("ggx2")``) or an analytic model (``Material.analytic("ggx")``).
     wi, wo : array (S, 3), (H, W, S, 3) or (T, S, 3)
         Unit vectors towards viewer and light: the same for all texels, or of each.
     f : array (H, W, S, 3) or (T, S, 3)
@@ -97,7 +97,7 @@ def fit_texels(
     Raises
     ------
     ValueError
-        For shapes or values that are not as above, or `smoothness` without a second dimension.
+        For shapes or values that are not as above, `smoothness` without a second dimension, or a network with a trunk.
     RuntimeError
         If no JIT variant with RGB colours and gradients is active.
 
@@ -112,6 +112,7 @@ def fit_texels(
     ((1, 2), True)
     """
     require_rgb("fit_texels()")
+    refuse_trunk(material, "fit_texels()")
     shape = check("fit_texels()", wi, wo, f)
     if not smoothness >= 0 or not np.isfinite(smoothness):
         raise ValueError(f"fit_texels(): smoothness is {smoothness}; it must be a number >= 0.")
@@ -128,7 +129,7 @@ def fit_texels(
         analytic, lambda index: np.tile(starts, (len(index), 1, 1)), _ANALYTIC, "analytic", progress=progress
     )
     loss, known = loss_analytic, None
-    if brdf.modules:
+    if brdf.networks:
         space = parameter_space.Space(brdf.parameters)
         initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
         u = np.concatenate([u, np.tile(space.to_free(initial)[u.shape[1] :], (len(u), 1))], axis=1)

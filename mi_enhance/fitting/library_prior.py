@@ -81,6 +81,8 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
     """
     space = parameter_space.Space(material.brdf.parameters)
     u = space.to_free(np.asarray(material.library, np.float64))
+    if material.brdf.trunk:
+        return _of_read_outs(material, u, np.asarray(weight))
     free = np.concatenate(
         [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]
     )
@@ -92,6 +94,22 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
         covariance += np.diag(0.1 * np.diag(covariance) + 1e-6)
         precision[np.ix_(kept, kept)] = np.linalg.inv(covariance)
     return Prior(u.mean(0), np.asarray(weight)[..., None, None] * precision)
+
+
+def _of_read_outs(material: Material, u: np.ndarray, weight: np.ndarray) -> Prior:
+    """Return a Gaussian over latent numbers and read-outs, each for itself; a read-out of 0 is the analytic model.
+
+    Covariances of hundreds of numbers from as many materials are mostly noise: they made fits worse.
+    """
+    mean, precision = np.zeros(u.shape[1]), np.zeros(u.shape[1])
+    names = np.array([p.name for p in material.brdf.parameters for _ in range(p.size)])
+    for name in ("asymmetry", "latent"):
+        k = names == name
+        mean[k], precision[k] = u[:, k].mean(0), 1 / (u[:, k].var(0) + 1e-2)  # 1e-2: one material varies by nothing
+    k = names == "read_out"
+    # 1e-3: a unit that no training material reads is not certain to be read by none
+    precision[k] = 1 / (np.square(u[:, k]).mean(0) + 1e-3)
+    return Prior(mean, weight[..., None, None] * np.diag(precision))
 
 
 def weight(wi: np.ndarray, wo: np.ndarray, scale: float) -> float:

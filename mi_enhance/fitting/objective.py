@@ -44,7 +44,7 @@ class Objective:
         self.n_problems = dr.width(wi) // n
         self.space = parameter_space.Space(brdf.parameters)
         # a mapping, or what can be indexed like one
-        self.evaluators: Any = trainable.fused(brdf.modules) if evaluators is None else evaluators
+        self.evaluators: Any = trainable.fused(brdf.networks) if evaluators is None else evaluators
         self._truth = [compressed(c, wo.z) for c in f]
 
     def _residual(self, f) -> list[mi.Float]:
@@ -153,28 +153,6 @@ class Objective:
         dr.eval(dr.detach(loss), wide_gradient)
         backward(narrow, [dr.block_sum(g, self.n) for g in wide_gradient])
         return dr.detach(loss), dr.grad(flat)
-
-
-def stacked(brdf: EnhancedBRDF, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> Objective:
-    """Return the objective of B problems with n samples each, from arrays.
-
-    Parameters
-    ----------
-    brdf : EnhancedBRDF
-    wi, wo : array (n, 3) or (B, n, 3)
-        Unit vectors towards viewer and light, the same for all problems or of each.
-    f : array (B, n, 3)
-        Reflectance, 1/sr, at least 0.
-
-    Examples
-    --------
-    >>> from mi_enhance.neural.enhance import enhance
-    >>> stacked(enhance("ggx", ()), np.array([[0, 0, 1.0]]), np.array([[0, 0.6, 0.8]]), np.ones((7, 1, 3))).n_problems
-    7
-    """
-    n = f.shape[1]
-    wi, wo, f = (np.broadcast_to(a, f.shape).reshape(-1, 3).T.astype(np.float32, order="C") for a in (wi, wo, f))
-    return Objective(brdf, mi.Vector3f(wi), mi.Vector3f(wo), mi.Color3f(f), n)
 
 
 def backward(variables, gradients) -> None:

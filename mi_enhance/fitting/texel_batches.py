@@ -12,7 +12,8 @@ from ..neural.enhanced_brdf import EnhancedBRDF
 from ..system.progress import Callback, Progress, silent
 from . import multistart
 from .library_prior import Prior
-from .objective import Objective, stacked
+from .objective import Objective
+from .problems import stacked
 
 
 class TexelSamples:

@@ -10,7 +10,7 @@ from ..analytic import parameter_space, parameters
 from ..data.measurements import Measurements
 from ..material.material import Material
 from ..numerics.arrays import color3f, vector3f
-from .objective import Objective
+from .problems import objective_of
 
 # Residuals count as at least this much: below it is what float32 and the model's own shape leave, not information.
 _LEAST_RESIDUAL = 1e-4
@@ -65,7 +65,7 @@ def determined(
     spread = (space.high - space.low) / np.sqrt(12)  # of a number anywhere in the range
     free = np.flatnonzero(spread)
     n = len(measurements.f)
-    problem = Objective(brdf, vector3f(measurements.wi), vector3f(measurements.wo), color3f(measurements.f), n)
+    problem = objective_of(brdf, vector3f(measurements.wi), vector3f(measurements.wo), color3f(measurements.f), n)
     # residuals far below `same` all have the same weight, 1 / same: what is left is J^T J
     same = 1e3
     h = problem.normal_equations(u[None], np.array([same]))[0][0] * (3 * n * same)
@@ -73,9 +73,10 @@ def determined(
     std = np.zeros(len(u))
     std[free] = np.sqrt(variance)
     names = [name for p in brdf.parameters for name in parameters.components(p)]
-    undetermined = [names[k] for k in free if std[k] > _OPEN * spread[k]]
-    slope = space.slope(u)
-    return {k: v.tolist() for k, v in parameters.unflatten(brdf.parameters, std * slope).items()}, undetermined
+    undetermined = [names[k] for k in free if not names[k].startswith("read_out") and std[k] > _OPEN * spread[k]]
+    found = parameters.unflatten(brdf.parameters, std * space.slope(u))
+    # not of the hundreds of numbers of a read-out, none of which means anything by itself
+    return {name: v.tolist() for name, v in found.items() if name != "read_out"}, undetermined
 
 
 def _posterior(normal: np.ndarray, residual: float, spread: np.ndarray) -> np.ndarray:

@@ -134,7 +134,7 @@ def _bounded(a: np.ndarray, b: np.ndarray, w: np.ndarray, high: Sequence[float])
 def _linear_colours(material: Material) -> list[Parameter]:
     """Colours in which the BRDF is linear: each the only colour of its terms, and read by no network."""
     brdf = material.brdf
-    if brdf.modules and brdf.inputs not in COLOURLESS:
+    if brdf.networks and brdf.inputs not in COLOURLESS:
         return []
     colours = parameters.colours(brdf.model.parameters)
     terms = [node.inputs or () for node in brdf.model.graph.walk() if not node.args]

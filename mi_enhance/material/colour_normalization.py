@@ -17,6 +17,7 @@ import numpy as np
 from ..analytic import parameters
 from ..analytic.graph import Node
 from ..analytic.parameters import MAX_LOG
+from ..neural.trainable import fused
 from ..sampling import albedo
 from .material import Material
 
@@ -41,7 +42,7 @@ def normalize(material: Material) -> Material:
     terms = list(_terms(material))
     albedos = _albedos(material) if terms else []
     for k, slot, colour in terms:
-        enhanced, analytic = albedos[k]
+        enhanced, analytic = (float(v[0]) for v in albedos[k])
         largest = params[colour.name].max()
         # 1e-6: a term that reflects nothing, or has no colour, has nothing to move
         if min(enhanced, analytic, largest) < 1e-6:
@@ -49,7 +50,65 @@ def normalize(material: Material) -> Material:
         scale = np.clip(min(enhanced / analytic, colour.high / largest), np.exp(-MAX_LOG), np.exp(MAX_LOG))
         params[colour.name] = params[colour.name] * scale
         params[f"norm_{slot}"] = np.array([-np.log(scale)])
-    return dataclasses.replace(material, params=params)
+    return _with_plain_factors(dataclasses.replace(material, params=params))
+
+
+def _with_plain_factors(material: Material) -> Material:
+    """The same BRDF, with the mean of every factor in RGB moved into the colour of its term, channel by channel."""
+    factors = list(_factors(material))
+    albedos = _albedos(material) if factors else []
+    for k, slot, colour in factors:
+        enhanced, analytic = albedos[k]
+        value = material.params[colour.name]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.minimum(enhanced / analytic, colour.high / value)
+        # 1e-6: a channel that reflects nothing, or has no colour, has nothing to move
+        scale = np.where((enhanced < 1e-6) | (analytic < 1e-6) | (value < 1e-6), 1, scale)
+        params = {**material.params, colour.name: value * scale}
+        material = _shifted(dataclasses.replace(material, params=params), slot, -np.log(scale))
+    return material
+
+
+def reshaped(material: Material, before: Material) -> Material:
+    """Return an edited material whose terms reflect, to their analytic ones, what they did before the edit.
+
+    Factors were learned at one roughness. Elsewhere they extrapolate, and a paint would turn to silver; so their mean
+    is held, channel by channel, and only their shape follows the edit.
+    """
+    factors = list(_factors(material))
+    if factors:
+        found = zip(factors, _albedos(material), _albedos(before), strict=False)
+        for (_, slot, _), *pairs in found:
+            after, then = (np.log(np.maximum(e, 1e-9) / np.maximum(a, 1e-9)) for e, a in pairs)
+            material = _shifted(material, slot, then - after)
+    return material
+
+
+def _factors(material: Material) -> Iterator[tuple[int, str, parameters.Parameter]]:
+    """Additive terms with one colour and a factor in RGB: number, slot, colour."""
+    brdf = material.brdf
+    slots = {slot for c in brdf.distilled if c.channels == 3 for slot in c.slots}
+    if brdf.trunk and brdf.trunk.channels == 3 and not slots:
+        slots = set(brdf.trunk.slots)
+    colours = {p.name: p for p in brdf.model.parameters if p.is_colour}
+    for k, term in enumerate(_parts(brdf.model.graph, "+")):
+        own = [name for node in term.walk() for name in node.inputs or () if name in colours]
+        found = [node.name for node in term.walk() if node.name in slots]
+        if len(own) == 1 and len(found) == 1:
+            yield k, found[0], colours[own[0]]
+
+
+def _shifted(material: Material, slot: str, logs: np.ndarray) -> Material:
+    """Return the material with numbers, one per channel, added to the logarithms of a factor."""
+    brdf = material.brdf
+    if brdf.distilled:
+        distilled = tuple(c.shifted(slot, logs) if slot in c.slots else c for c in brdf.distilled)
+        return dataclasses.replace(material, brdf=dataclasses.replace(brdf, distilled=distilled))
+    assert brdf.trunk is not None
+    read = material.params["read_out"].copy()
+    numbers = read[brdf.trunk.numbers_of(slot)].reshape(len(logs), -1)  # a view
+    numbers[:, -1] = np.clip(numbers[:, -1] + logs, -MAX_LOG, MAX_LOG)
+    return dataclasses.replace(material, params={**material.params, "read_out": read})
 
 
 def plain(material: Material) -> Material:
@@ -82,8 +141,8 @@ def _parts(node: Node, symbol: str) -> Iterator[Node]:
         yield node
 
 
-def _albedos(material: Material) -> list[tuple[float, float]]:
-    """Albedo under even light from all sides of every additive term with colour 1: enhanced, analytic."""
+def _albedos(material: Material) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Albedo in RGB under even light from all sides of every additive term with colour 1: enhanced, analytic."""
     brdf = material.brdf
     params = material.as_drjit() | {name: mi.Color3f(1) for name in parameters.colours(brdf.model.parameters)}
     rng = np.random.default_rng(0)
@@ -91,11 +150,11 @@ def _albedos(material: Material) -> list[tuple[float, float]]:
     wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))
     even = albedo.even_shares(len(brdf.model.lobes(params)))
     wo, density = albedo.draw(wi, params, even, u[2:], brdf.model)
-    graph, record, active = brdf.prepare(wi, wo, params)
+    graph, record, active = brdf.prepare(wi, wo, params, fused(brdf.networks))
 
     def mean(node):
-        value = albedo.reflected(mi.Color3f(node(record)).x, wo, density)
-        return float(dr.mean(dr.select(active, value, 0))[0])
+        value = [dr.mean(dr.select(active, albedo.reflected(c, wo, density), 0)) for c in mi.Color3f(node(record))]
+        return np.array([float(v[0]) for v in value])
 
     pairs = zip(_parts(graph, "+"), _parts(brdf.model.graph, "+"), strict=True)
     return [(mean(enhanced), mean(analytic)) for enhanced, analytic in pairs]

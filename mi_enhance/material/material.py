@@ -20,7 +20,7 @@ from ..neural.trainable import fused
 from ..numerics.arrays import vector3f
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
-from ..system.bundled_files import DEFAULT_NETWORK, network_file
+from ..system.bundled_files import DEFAULT_NETWORK, SURFACE_NETWORK, network_file
 from . import material_file
 from .old_names import OldNames
 from .reports import SpecializeReport
@@ -48,6 +48,9 @@ class Material(OldNames):
     bound_energy : bool
         Hold the directional albedo at 1 or below, whatever the parameters are edited to, see
         :mod:`mi_enhance.sampling.energy_bound`.
+    exact_params : dict of str to array, optional
+        Parameters before the material got a network of its own, whose training moves them: :attr:`unspecialized` has
+        them.
 
     Examples
     --------
@@ -63,6 +66,7 @@ class Material(OldNames):
     lobe_albedo: float = 0.1
     bound_energy: bool = False
     mixture: Mixture | None = None
+    exact_params: dict | None = None
 
     def __post_init__(self):
         values = {**parameters.initial(self.brdf.parameters), **self.params}
@@ -106,9 +110,27 @@ class Material(OldNames):
         ------
         ValueError
             For an unknown name, a wrong length or a value out of range.
+
+        Notes
+        -----
+        Roughness and F0 mean what they mean to the analytic model: factors in RGB are scaled so that every term
+        reflects, to its analytic one, as much as before. That needs a JIT variant.
         """
+        from . import colour_normalization  # which makes materials itself
+
         changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
-        return dataclasses.replace(self, params=changed)
+        exact = {**self.exact_params, **{name: changed[name] for name in values}} if self.exact_params else None
+        edited = dataclasses.replace(self, params=changed, exact_params=exact)
+        shape = [p.name for p in self.brdf.model.parameters if not p.is_colour and p.name not in parameters.FRAME]
+        if any(not np.array_equal(changed[name], self.params[name]) for name in shape) and self.factors_in_rgb:
+            return colour_normalization.reshaped(edited, self)
+        return edited
+
+    @property
+    def factors_in_rgb(self) -> bool:
+        """True if terms are scaled in RGB, by read-outs of a trunk or by a network of the material's own."""
+        brdf = self.brdf
+        return any(c.channels == 3 for c in brdf.distilled) or (brdf.trunk is not None and brdf.trunk.channels == 3)
 
     def bounded(self) -> Material:
         """A copy whose directional albedo is at most 1 for every view, also when it is edited.
@@ -124,7 +146,9 @@ class Material(OldNames):
     def unspecialized(self) -> Material:
         """The material that a specialized one was made from; the same if it is not specialized."""
         report = {key: value for key, value in self.report.items() if key not in SpecializeReport.__annotations__}
-        return dataclasses.replace(self, brdf=dataclasses.replace(self.brdf, distilled=()), report=report)
+        brdf = dataclasses.replace(self.brdf, distilled=())
+        params = self.exact_params or self.params
+        return dataclasses.replace(self, brdf=brdf, params=params, exact_params=None, report=report)
 
     def show(self) -> str:
         """A text: equation, parameters, report."""
@@ -200,7 +224,7 @@ class Material(OldNames):
         view, light = _directions(wi, wo)
         params = self.as_drjit()
         dr.make_opaque(params)  # data: all materials of one network share a kernel
-        f = self.brdf(view, light, params, fused(self.brdf.modules))
+        f = self.brdf(view, light, params, fused(self.brdf.networks))
         if self.bound_energy:
             bound = energy_bound.table(self.brdf, params, self.lobe_albedo)
             f = energy_bound.bounded(f, bound, view, light, params)
@@ -288,3 +312,17 @@ def load_material(path: str | Path) -> Material:
     >>> load_material("gold.bsdf")  # doctest: +SKIP
     """
     return Material.load(path)
+
+
+def refuse_trunk(material: Material, where: str) -> None:
+    """Raise unless the material has few numbers: those of a read-out are hundreds, for one material with many samples.
+
+    Examples
+    --------
+    >>> refuse_trunk(Material.analytic("ggx"), "example")
+    """
+    if material.brdf.trunk:
+        raise ValueError(
+            f"{where}: this network has {material.brdf.trunk.size} numbers of the material's own, more than a texel or "
+            f'photographs determine. Take one with few, such as Material.pretrained("{SURFACE_NETWORK}").'
+        )

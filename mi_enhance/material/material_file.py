@@ -17,7 +17,7 @@ import numpy as np
 
 from ..analytic import alternative_terms, models, parameters
 from ..neural import distilled_network
-from ..neural.enhance import enhance
+from ..neural.enhance import enhance, with_trunk
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.mlp import MLP, flatten, unflatten
 from ..sampling import lobe_mixture
@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from .material import Material
 
 # Of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`; before 3
-# there was no `energy`, which an older reader would not hold, and no `mixture`.
-FORMAT = 3
+# there was no `energy`, which an older reader would not hold, and no `mixture`; before 4 no `trunk`, and distilled
+# networks were scalar.
+FORMAT = 4
 KIND = "mi_enhance material"
 
 
@@ -52,22 +53,25 @@ def read(path: str | Path) -> dict:
     _check_numbers(arrays, where)
     description = _read_description(arrays["description"].tobytes(), where)
     template = _template(description, where)
-    brdf = dataclasses.replace(
-        template,
-        modules={slot: _module(slot, mlp, arrays, where) for slot, mlp in template.modules.items()},
-        distilled=_distilled(description, arrays.get("compact"), template, where),
-    )
-    return _fields(brdf, arrays["params"], description, where, arrays.get("library"))
+    networks = {slot: _module(slot, mlp, arrays, where) for slot, mlp in template.networks.items()}
+    distilled = _distilled(description, arrays.get("compact"), template, where)
+    brdf = dataclasses.replace(template.with_networks(networks), distilled=distilled)
+    result = _fields(brdf, arrays["params"], description, where, arrays.get("library"))
+    if "exact" in arrays:
+        result["exact_params"] = _fields(brdf, arrays["exact"], description, where, None)["params"]
+    return result
 
 
 def write(path: str | Path, material: Material) -> None:
     """Write what :func:`read` reads; the file is replaced as a whole or not at all."""
     tensors = {"params": material.as_vector().astype(np.float32)}
-    for slot, mlp in material.brdf.modules.items():
+    for slot, mlp in material.brdf.networks.items():
         for k, (w, b) in enumerate(mlp.layers):
             tensors[f"{slot}.layers.{k}.weights"], tensors[f"{slot}.layers.{k}.bias"] = w, b
     if material.brdf.distilled:
         tensors["compact"] = _flat(material.brdf.distilled)
+    if material.exact_params is not None:
+        tensors["exact"] = parameters.flatten(material.brdf.parameters, material.exact_params).astype(np.float32)
     if material.library is not None:
         tensors["library"] = material.library.astype(np.float32)
     with replacing(path) as temporary:
@@ -85,6 +89,7 @@ def describe(material: Material) -> dict:
         "model_text": brdf.model.text,
         "terms": dict(brdf.model.terms),
         "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.modules.items()},
+        **({"trunk": brdf.trunk.describe()} if brdf.trunk else {}),
         "n_latent": brdf.n_latent,
         "inputs": brdf.inputs,
         "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
@@ -100,7 +105,7 @@ def describe(material: Material) -> dict:
 
 def weights(brdf: EnhancedBRDF) -> np.ndarray:
     """Return all weights as one float32 vector, as :func:`from_arrays` takes them."""
-    return np.concatenate([flatten(brdf.modules), _flat(brdf.distilled)])
+    return np.concatenate([flatten(brdf.networks), _flat(brdf.distilled)])
 
 
 def from_arrays(description: str, params, weights) -> dict:
@@ -113,9 +118,7 @@ def from_arrays(description: str, params, weights) -> dict:
     if len(own) != template.n_weights or (len(rest) and "compact" not in parsed):
         raise ValueError(f"{where}: {len(flat)} weights given, {template.n_weights} expected for {template}.")
     brdf = dataclasses.replace(
-        template,
-        modules=unflatten(template.modules, own),
-        distilled=_distilled(parsed, rest, template, where),
+        template.with_networks(unflatten(template.networks, own)), distilled=_distilled(parsed, rest, template, where)
     )
     return _fields(brdf, np.asarray(params), parsed, where, None)
 
@@ -171,13 +174,18 @@ def _template(description: dict, where: str) -> EnhancedBRDF:
         # before any array is made: a few characters must not ask for all the memory there is
         if not 0 <= n_latent <= 1024:
             raise ValueError(f"n_latent {n_latent} out of range: 0 to 1024")
-        return enhance(
-            alternative_terms.with_terms(_model(description), description.get("terms", {})),
+        model = alternative_terms.with_terms(_model(description), description.get("terms", {}))
+        brdf = enhance(
+            model,
             dict(replace),
             n_latent=n_latent,
             inputs=description["inputs"],
             modulated=bool(description.get("modulated", False)),
         )
+        if "trunk" in description:
+            trunk = with_trunk(model, n_latent=n_latent, **description["trunk"]).trunk
+            brdf = dataclasses.replace(brdf, trunk=trunk)
+        return brdf
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{where}: its description cannot be understood: {error}.") from error
 

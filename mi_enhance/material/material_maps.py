@@ -13,8 +13,8 @@ import numpy as np
 
 from ..analytic import parameters
 from ..neural import mlp
+from ..system.exr_channels import read_channels
 from ..system.files import digest, replacing, require_file
-from .exr_channels import read_channels
 from .material import Material
 
 FORMAT = 1  # of the files; a reader refuses what is newer
@@ -176,7 +176,7 @@ def _digest(material: Material) -> str:
     text = json.dumps(
         [brdf.model.name, brdf.model.text, str(brdf), brdf.inputs, [[p.name, p.size] for p in brdf.parameters]]
     )
-    return digest(text.encode(), mlp.flatten(brdf.modules).tobytes())
+    return digest(text.encode(), mlp.flatten(brdf.networks).tobytes())
 
 
 def _checked(material: Material, maps: Mapping, where: str) -> dict[str, np.ndarray]:

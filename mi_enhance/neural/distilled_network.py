@@ -31,6 +31,9 @@ class DistilledNetwork:
     layers : tuple of (W, b)
         Every layer sees the inputs and all that the layers before it give: W has shape
         (out, inputs + all hidden units so far). Leaky ReLU, the last layer is linear. Weights of 0 cost nothing.
+    channels : int
+        1: the outputs stand for the slots themselves, alike in all channels. 3: they are factors of the analytic terms
+        in RGB, three outputs for each slot.
 
     Examples
     --------
@@ -42,6 +45,7 @@ class DistilledNetwork:
     slots: tuple[str, ...]
     inputs: tuple[str, ...]
     layers: tuple[tuple[np.ndarray, np.ndarray], ...]
+    channels: int = 1
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -65,23 +69,33 @@ class DistilledNetwork:
 
     def without(self, slots: Collection[str], inputs: Collection[str]) -> DistilledNetwork | None:
         """Return the network without some outputs, and without inputs that are 0; None if no output is left."""
-        rows = [k for k, slot in enumerate(self.slots) if slot not in slots]
+        left = [slot for slot in self.slots if slot not in slots]
+        rows = [self.channels * self.slots.index(slot) + c for slot in left for c in range(self.channels)]
         keep = [name not in inputs for name in self.inputs]
         if not rows:
             return None
         *hidden, (w, b) = self.layers
         layers = [(w[:, _columns(w, keep)], b) for w, b in (*hidden, (w[rows], b[rows]))]
         return DistilledNetwork(
-            tuple(self.slots[k] for k in rows),
+            tuple(left),
             tuple(name for name, kept in zip(self.inputs, keep, strict=True) if kept),
             tuple(layers),
+            self.channels,
         )
+
+    def shifted(self, slot: str, logs: np.ndarray) -> DistilledNetwork:
+        """Return the network with numbers, one per channel, added to the outputs of a slot."""
+        *hidden, (w, b) = self.layers
+        b = b.copy()
+        k = self.slots.index(slot) * self.channels
+        b[k : k + self.channels] += logs
+        return dataclasses.replace(self, layers=(*hidden, (w, b)))
 
     # ------------------------------------------------------------------ files
 
     def describe(self) -> dict:
         """Return all but the weights, as JSON; :attr:`flat` has the weights."""
-        return {"slots": self.slots, "inputs": self.inputs, "hidden": self.sizes[1:-1]}
+        return {"slots": self.slots, "inputs": self.inputs, "hidden": self.sizes[1:-1], "channels": self.channels}
 
     @property
     def flat(self) -> np.ndarray:
@@ -125,14 +139,17 @@ def _first(description: Mapping, flat: np.ndarray) -> tuple[DistilledNetwork, np
     hidden = check_sizes(description["hidden"], where) if description["hidden"] else ()
     if len(inputs) > len(NAMES) or not set(inputs) <= set(NAMES):
         raise ValueError(f"{where}: inputs {shortened(inputs)} must be some of {', '.join(NAMES)}")
+    channels = description.get("channels", 1)
+    if channels not in (1, 3):
+        raise ValueError(f"{where}: channels must be 1 or 3; got {shortened(channels)}")
     layers, seen = [], len(inputs)
-    for n in (*hidden, len(slots)):
+    for n in (*hidden, channels * len(slots)):
         w, b, flat = np.split(flat, [n * seen, n * (seen + 1)])
         if b.size != n:
             raise ValueError(f"{where}: there are too few weights")
         layers.append((w.reshape(n, seen), b))
         seen += n
-    return DistilledNetwork(slots, inputs, tuple(layers)), flat
+    return DistilledNetwork(slots, inputs, tuple(layers), channels), flat
 
 
 def _columns(w: np.ndarray, keep: Sequence[bool]) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+import mitsuba as mi
 import numpy as np
 
 from ..analytic import geometry, models, parameters
@@ -11,7 +12,18 @@ from ..analytic.graph import Node
 from ..analytic.models.model import Model
 from . import mlp
 from .enhanced_brdf import EnhancedBRDF
-from .inputs import COLOURLESS, INPUTS, InputKind, n_of_parameters, names_of_directions, names_of_parameters
+from .inputs import (
+    COLOURLESS,
+    INPUTS,
+    InputKind,
+    n_of_parameters,
+    names_of_directions,
+    names_of_parameters,
+    of_parameters,
+)
+from .trunk import Trunk
+
+FIRST_ASYMMETRY = 0.3  # of a trunk
 
 
 def enhance(
@@ -101,3 +113,93 @@ def _sizes(node: Node, model: Model, n_params: int, n_directional: int) -> tuple
     # A term that reads a colour has a colour as value (M, S), any other a scalar (D, F, G, 1/E).
     colour = node.reads(parameters.colours(model.parameters))
     return n_params, n_directional if directional else 0, 3 if colour else 1
+
+
+def with_trunk(
+    model: Model | str,
+    slots: Iterable[str] = ("B", "G", "G2"),
+    *,
+    n_latent: int = 8,
+    hidden: Sequence[int] = (32, 32, 64),
+    channels: int = 3,
+    seed: int = 0,
+) -> EnhancedBRDF:
+    """Give slots of an analytic model one trunk with Xavier weights, which materials read out by their own.
+
+    Parameters
+    ----------
+    model : Model or str
+        An analytic model or its name.
+    slots : iterable of str
+        Terms whose factors are read out, one of each summand of the BRDF.
+    n_latent : int
+        Numbers of a material that the trunk sees.
+    hidden : sequence of int
+        Hidden layer sizes; the last is the number K of units that are read out.
+    channels : {3, 1}
+        Factors in RGB, or the same for all channels.
+    seed : int
+        Of the initial weights.
+
+    Returns
+    -------
+    EnhancedBRDF
+
+    Raises
+    ------
+    KeyError
+        If `slots` names one that the model does not have.
+    ValueError
+        For an operator among the slots, other channels than 1 or 3, or hidden sizes out of range.
+
+    Examples
+    --------
+    >>> brdf = with_trunk("ggx2")
+    >>> print(brdf, brdf.n_parameters)
+    M * [B] + S * D * F * [G] * 1/E + S2 * D2 * F2 * [G2] * 1/E2 611
+    """
+    model = models.get(model) if isinstance(model, str) else model
+    slots = tuple(slots)
+    operators = [name for name in slots if model.graph.find(name).args]
+    if operators or not slots:
+        raise ValueError(f"with_trunk(): {', '.join(operators) or 'no slot'}: a read-out stands in the slots of terms.")
+    if channels not in (1, 3):
+        raise ValueError(f"with_trunk(): channels must be 3 (RGB) or 1; got {channels}.")
+    mlp.check_sizes(hidden, "with_trunk(): the trunk")
+    n_in = n_latent + len(names_of_directions(model, "shape", model.graph.find(slots[0])))
+    shared = mlp.xavier((n_in, *hidden), n_latent, np.random.default_rng(seed))
+    return EnhancedBRDF(model, {}, n_latent, "shape", Trunk(slots, shared, channels))
+
+
+def first_latent(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
+    """Return the ``latent`` numbers that a trunk starts from, (M, n_latent), for parameters (M, P) of materials.
+
+    The shape of the lobes comes first, as modules see it, then zeros. From there they are free numbers of the material:
+    an edit of a roughness does not move them.
+
+    Examples
+    --------
+    >>> brdf = with_trunk("ggx2", n_latent=6)
+    >>> first_latent(brdf, parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))[None]).round(2)
+    array([[-0.4 , -0.4 ,  0.2 , -0.23, -0.23,  0.  ]])
+    """
+    n = parameters.count(brdf.model.parameters)
+    columns = [mi.Float(column.tolist()) for column in values[:, :n].T]
+    shape = of_parameters(parameters.unflatten(brdf.model.parameters, columns), brdf.inputs, brdf.model)
+    result = np.zeros((len(values), brdf.n_latent))
+    for k, v in enumerate(shape[: brdf.n_latent]):
+        result[:, k] = np.array(v)
+    return result
+
+
+def trunk_start(brdf: EnhancedBRDF, values: np.ndarray, reciprocal: bool = False) -> np.ndarray:
+    """Return parameters (P,) from which a fit with a trunk starts: those of `values`, and the networks' own.
+
+    At 0 the features that tell viewer from light would have no effect, and so no gradient: unless the result shall be
+    `reciprocal`, ``asymmetry`` starts a little away.
+    """
+    names = np.array([p.name for p in brdf.parameters for _ in range(p.size)])
+    values = values.copy()
+    values[names == "latent"] = first_latent(brdf, values[None])[0]
+    values[names == "asymmetry"] = 0.0 if reciprocal else FIRST_ASYMMETRY
+    return values

@@ -18,6 +18,7 @@ from .distilled_network import DistilledNetwork
 from .evaluator import Evaluator, Evaluators
 from .inputs import COLOURLESS, InputKind, names_of_parameters, of_directions, of_parameters
 from .mlp import MLP
+from .trunk import NAME, Trunk, read_out
 
 # The output of a module is the logarithm of a factor, so every term stays positive and a product of terms is a sum that
 # is easy to learn. Products must stay within float32's 3e38: two modules of MAX_LOG beside S, D and 1/E, which reach
@@ -42,6 +43,8 @@ class EnhancedBRDF:
         Number of neural parameters per material.
     inputs : {"symmetric", "shape", "own", "directions"}
         The inputs of the modules, see :mod:`mi_enhance.neural.inputs`.
+    trunk : Trunk, optional
+        One network for several slots, which the material reads out by weights of its own.
     distilled : tuple of DistilledNetwork
         Small networks that replace `modules` for one set of parameters, see
         :mod:`mi_enhance.specialization.specialize`.
@@ -51,35 +54,57 @@ class EnhancedBRDF:
     modules: Mapping[str, MLP]
     n_latent: int = 27
     inputs: InputKind = "symmetric"
+    trunk: Trunk | None = None
     distilled: tuple[DistilledNetwork, ...] = ()
 
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
-        """The model's parameters, and those of the modules: ``asymmetry``, ``latent``, ``norm_B``, ..."""
-        reads_latent = self.n_latent and any(m.n_folded for m in self.modules.values())
-        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and self.modules else ()
-        latent = (parameters.latent(self.n_latent),) if reads_latent else ()
+        """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``read_out``, ``norm_B``..."""
+        reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
+        networks = self.networks or self.distilled
+        asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and networks else ()
+        latent: tuple[parameters.Parameter, ...] = (parameters.latent(self.n_latent),) if reads_latent else ()
+        if self.trunk:
+            latent += (parameters.read_out(self.trunk.size),)
         norms = (parameters.norm(slot) for slot, mlp in self.modules.items() if mlp.n_folded) if asymmetry else ()
         return (*self.model.parameters, *asymmetry, *latent, *norms)
 
     @property
+    def networks(self) -> dict[str, MLP]:
+        """All networks with shared weights: the modules by slot, and the trunk."""
+        return {**self.modules, **({NAME: self.trunk.mlp} if self.trunk else {})}
+
+    def with_networks(self, networks: Mapping[str, MLP]) -> EnhancedBRDF:
+        """Return the BRDF with other weights, of the same shapes as :attr:`networks`."""
+        modules = {slot: networks[slot] for slot in self.modules}
+        trunk = dataclasses.replace(self.trunk, mlp=networks[NAME]) if self.trunk else None
+        return dataclasses.replace(self, modules=modules, trunk=trunk)
+
+    @property
     def evaluated(self) -> dict[str, MLP]:
-        """Modules that are evaluated, i.e. not replaced by a distilled network."""
+        """Networks that are evaluated, i.e. not replaced by a distilled one."""
         covered = {slot for c in self.distilled for name in c.slots for slot in self.model.graph.find(name).slots}
-        return {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
+        result = {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
+        if self.trunk and set(self.read_slots) - covered:
+            result[NAME] = self.trunk.mlp
+        return result
+
+    @property
+    def read_slots(self) -> tuple[str, ...]:
+        """Slots of the trunk that the model still has: :mod:`mi_enhance.neural.simplify` may have left some out."""
+        return tuple(slot for slot in self.trunk.slots if slot in self.model.graph.slots) if self.trunk else ()
 
     @property
     def read_by_modules(self) -> tuple[str, ...]:
-        """Names of the parameters that are folded into the modules."""
-        if not any(m.n_folded for m in self.evaluated.values()):
-            return ()
-        latent = (p.name for p in self.parameters if p.kind == "latent")
-        return (*names_of_parameters(self.model, self.inputs), *latent)
+        """Names of the parameters that are folded into the networks."""
+        folding = {name for name, m in self.evaluated.items() if m.n_folded}
+        analytic = names_of_parameters(self.model, self.inputs) if folding - {NAME} else ()
+        return (*analytic, *(p.name for p in self.parameters if p.kind == "latent" and folding))
 
     @property
     def n_weights(self) -> int:
-        """Floats in all modules."""
-        return sum(m.n_weights for m in self.modules.values())
+        """Floats in all networks."""
+        return sum(m.n_weights for m in self.networks.values())
 
     @property
     def n_parameters(self) -> int:
@@ -88,8 +113,12 @@ class EnhancedBRDF:
 
     @property
     def state(self) -> tuple[int, ...]:
-        """Enhancement state: one digit per slot, 1 where a module stands (section 4.1)."""
-        return tuple(int(slot in self.modules) for slot in self.model.graph.slots)
+        """Enhancement state: one digit per slot, 1 where a network stands (section 4.1)."""
+        return tuple(int(slot in self._slots) for slot in self.model.graph.slots)
+
+    @property
+    def _slots(self) -> tuple[str, ...]:
+        return (*self.modules, *self.read_slots)
 
     @property
     def multiply_adds(self) -> int:
@@ -104,6 +133,9 @@ class EnhancedBRDF:
         total = sum(c.multiply_adds for c in self.distilled)
         colours = parameters.colours(self.model.parameters)
         for slot, mlp in self.evaluated.items():
+            if self.trunk and slot == NAME:
+                total += self.trunk.multiply_adds
+                continue
             sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])
             once = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if mlp.varies else 0
             node = self.model.graph.find(slot)
@@ -111,7 +143,7 @@ class EnhancedBRDF:
         return total
 
     def __str__(self) -> str:
-        return str(self.model.graph.replace(dict.fromkeys(self.modules, _exp)))  # any function: brackets are printed
+        return str(self.model.graph.replace(dict.fromkeys(self._slots, _exp)))  # any function: brackets are printed
 
     def evaluators(self, kind: Callable[[MLP], Evaluator] = baked.Baked) -> dict[str, Evaluator]:
         """Return an evaluator of that kind for each slot."""
@@ -135,7 +167,7 @@ class EnhancedBRDF:
             By slot: first bias and modulated last layer, or the outputs of a module without directions.
         """
         folded = self._fold(params, evaluators, begun)
-        return {slot: v if self.modules[slot].varies else evaluators[slot]([], v) for slot, v in folded.items()}
+        return {slot: v if self.networks[slot].varies else evaluators[slot]([], v) for slot, v in folded.items()}
 
     def begin_fold(self, params: Mapping, evaluators: Evaluators) -> dict[str, list[mi.Float]]:
         """Do the part of :meth:`fold` that is the same everywhere; values that vary over the surface are None."""
@@ -143,13 +175,13 @@ class EnhancedBRDF:
 
     def _fold(self, params: Mapping, evaluators: Evaluators, begun: Mapping | None) -> dict[str, list[mi.Float]]:
         # Operators see their operands only: with no other module the material has no latent numbers to read.
-        constant = (
-            of_parameters(params, self.inputs, self.model) if any(m.n_folded for m in self.evaluated.values()) else []
-        )
-        return {
-            slot: evaluators[slot].fold(constant if mlp.n_folded else [], None if begun is None else begun[slot])
-            for slot, mlp in self.evaluated.items()
-        }
+        folding = {slot for slot, mlp in self.evaluated.items() if mlp.n_folded}
+        constant = of_parameters(params, self.inputs, self.model) if folding - {NAME} else []
+        result = {}
+        for slot in self.evaluated:
+            features = (list(params["latent"]) if slot == NAME else constant) if slot in folding else []
+            result[slot] = evaluators[slot].fold(features, None if begun is None else begun[slot])
+        return result
 
     def __call__(
         self, wi: Any, wo: Any, params: Mapping, evaluators: Evaluators | None = None, folded: Mapping | None = None
@@ -184,13 +216,18 @@ class EnhancedBRDF:
         return graph(record) & active
 
     def prepare(
-        self, wi: Any, wo: Any, params: Mapping, evaluators: Evaluators | None = None, folded: Mapping | None = None
+        self,
+        wi: Any,
+        wo: Any,
+        params: Mapping,
+        evaluators: Evaluators | None = None,
+        folded: Mapping | None = None,
     ) -> tuple[Node, dict[str, Any], Any]:
         """Return the graph to evaluate, its record, and the lanes above the horizon; arguments as :meth:`__call__`."""
         quantities, active = geometry.local_quantities(wi, wo, params)
         record = {**quantities, **params}
         graph = self.model.graph
-        if self.modules:
+        if self.networks or self.distilled:
             evaluators = self.evaluators() if evaluators is None else evaluators
             folded = self.fold(params, evaluators) if folded is None else folded
             graph = graph.replace(self.replacements(record, wi, wo, evaluators, folded))
@@ -216,14 +253,38 @@ class EnhancedBRDF:
         dict of str to callable
             A function of the record for a term, of the two operands for an operator.
         """
-        nodes = [self.model.graph.find(slot) for slot in self.evaluated]
+        slots = [slot for slot in self.evaluated if slot != NAME]
+        nodes = [self.model.graph.find(slot) for slot in slots]
         x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
         functions = {
-            slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in self.evaluated
+            slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
         }
+        if self.trunk and NAME in self.evaluated:
+            units = self.units(record, wi, wo, evaluators, folded)
+            numbers = [v for slot in self.read_slots for v in record["read_out"][self.trunk.numbers_of(slot)]]
+            functions |= self.scaled(self.read_slots, read_out(units, numbers))
         for c in self.distilled:
+            if c.channels == 3:
+                functions |= self.scaled(c.slots, c(record))
+                continue
             values = [_exp(y, limits.get(slot, MAX_LOG)) for slot, y in zip(c.slots, c(record), strict=True)]
             functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
+        return functions
+
+    def units(self, record: Mapping, wi: Any, wo: Any, evaluators: Evaluators, folded: Mapping) -> list[mi.Float]:
+        """Return the units of the trunk before the leaky ReLU; arguments as :meth:`replacements`."""
+        node = self.model.graph.find(self.read_slots[0])
+        x = of_directions(record, self.inputs, wi, wo, [node])[node.name]
+        return evaluators[NAME](x, folded[NAME])
+
+    def scaled(self, slots: Sequence[str], y: Sequence[mi.Float]) -> dict[str, Callable]:
+        """Return the functions that scale the terms in some slots by exp(y): a number for each, or one per channel."""
+        n, functions = len(y) // len(slots), {}
+        for k, slot in enumerate(slots):
+            factor = [_exp(v, MAX_LOG) for v in y[k * n : (k + 1) * n]]
+            # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
+            node = self.model.graph.find(slot)
+            functions[slot] = lambda record, node=node, factor=factor: node(record) * _colour(factor, record)
         return functions
 
     def _max_logs(self) -> dict[str, float]:
@@ -254,13 +315,20 @@ class EnhancedBRDF:
         def term(record):
             values = evaluator(x, bias) if mlp.varies else bias
             out = [_exp(y + record[name] if name in record else y, limit) for y in values]
-            return out[0] if len(out) == 1 else mi.Color3f(*out)
+            return _colour(out, record)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:
             # Colours are no inputs: such a module scales the term in its slot, and f stays linear in its colour.
             node = self.model.graph.find(slot)
             return lambda record: node(record) * term(record)
         return term
+
+
+def _colour(v: Sequence[mi.Float], record: Mapping) -> Any:
+    """Return one number, or three as a colour: RGB, or what the record's ``of_rgb`` makes of it for a renderer."""
+    if len(v) == 1:
+        return v[0]
+    return record["of_rgb"](mi.Color3f(*v)) if "of_rgb" in record else mi.Color3f(*v)
 
 
 def _exp(y, limit: float):

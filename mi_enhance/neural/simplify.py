@@ -43,7 +43,7 @@ def simplify(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enha
     """
     zero = {name for name, v in values.items() if not np.any(v)}
     left_out = set(parameters.FRAME) if zero.issuperset(parameters.FRAME) else set()
-    modules = dict(brdf.modules)
+    modules, trunk = dict(brdf.modules), brdf.trunk
     graph = brdf.model.graph.without(_zero_terms(brdf, zero), modules)
     if graph is not None:
         modules = {slot: mlp for slot, mlp in modules.items() if slot in graph.slots}
@@ -54,10 +54,14 @@ def simplify(brdf: EnhancedBRDF, values: Mapping[str, np.ndarray]) -> tuple[Enha
     if "asymmetry" in zero:
         left_out.add("asymmetry")
         modules = {slot: _without_asymmetry(mlp, brdf.model, brdf.inputs, slot) for slot, mlp in modules.items()}
+        if trunk:
+            mlp = _without_asymmetry(trunk.mlp, brdf.model, brdf.inputs, trunk.slots[0])
+            trunk = dataclasses.replace(trunk, mlp=mlp)
     gone = set(brdf.model.graph.slots) - set(graph.slots)
-    distilled = (c.without(gone, ASYMMETRIC if "asymmetry" in left_out else ()) for c in brdf.distilled)
+    kept = (c.without(gone, ASYMMETRIC if "asymmetry" in left_out else ()) for c in brdf.distilled)
     model = dataclasses.replace(brdf.model, graph=graph)
-    result = dataclasses.replace(brdf, model=model, modules=modules, distilled=tuple(c for c in distilled if c))
+    distilled = tuple(c for c in kept if c)
+    result = dataclasses.replace(brdf, model=model, modules=modules, trunk=trunk, distilled=distilled)
     return result, frozenset(left_out)
 
 

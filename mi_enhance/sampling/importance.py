@@ -8,11 +8,13 @@ The cosine is that of the surface, which the integrand has, not that of a tilted
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from ..analytic import geometry, models, terms
+from ..analytic.lobes import AroundBack
 from ..analytic.models.model import Model
 
 _GGX = models.ggx()
@@ -58,11 +60,18 @@ def sample(
     # One distribution whose roughness is that of the lobe drawn: its code stands in the kernel once.
     _, a_x, a_y = lobes[0]
     first, share = mi.Float(0), shares[0]  # where the interval of the lobe in sample1 begins, and its length
-    for (_, b_x, b_y), own in zip(lobes[1:], shares[1:], strict=True):
-        later = sample1 >= first + share
+    back: Any = mi.Mask(isinstance(lobes[0], AroundBack))  # type: ignore[operator]
+    for lobe, own in zip(lobes[1:], shares[1:], strict=True):
+        later, (_, b_x, b_y) = sample1 >= first + share, lobe
+        around = mi.Mask(isinstance(lobe, AroundBack))  # type: ignore[operator]
+        back = dr.select(later, around, back)
         a_x, a_y, first, share = (
             dr.select(later, *v) for v in ((b_x, a_x), (b_y, a_y), (first + share, first), (own, share))
         )
+    if any(isinstance(lobe, AroundBack) for lobe in lobes):
+        # The light lies around the viewer as it does around the mirror direction of the viewer's mirror image.
+        local = dr.select(back, _mirrored(local), local)
+        view = dr.select(back, _mirrored(view), view)
     if model.v_cavity:
         # All normals. Mitsuba takes the sine from the cosine: at alpha 0.01 slopes below a tenth of it come in steps.
         (sin, cos), slope = dr.sincos(dr.two_pi * sample2.y), dr.sqrt(sample2.x / (1 - sample2.x))
@@ -87,17 +96,26 @@ def pdf(wi: mi.Vector3f, wo: mi.Vector3f, params: Mapping, shares, model: Model 
     Heitz 2018, *Sampling the GGX Distribution of Visible Normals*, eqs. (3) and (17).
     """
     q, active = geometry.local_quantities(wi, wo, params)
-    local_i, local_o, h = q["wi"], q["wo"], q["h"]
+    local_i, local_o = q["wi"], q["wo"]
     density = (1 - sum(shares)) * mi.warp.square_to_cosine_hemisphere_pdf(wo)
-    for (_, a_x, a_y), share in zip(model.present_lobes(params), shares, strict=True):
+    for lobe, share in zip(model.present_lobes(params), shares, strict=True):
+        _, a_x, a_y = lobe
+        h, viewer = q["h"], local_i
+        if isinstance(lobe, AroundBack):
+            h, viewer = geometry.back_vector(local_i, local_o)[0], _mirrored(local_i)
         # G1 D (h.wi) / cos_theta_i, over the Jacobian 4 (h.wi) of the reflection; written without h.wi, which rounds to
         # 0 or below at grazing angles and would leave a mirror direction without density.
         if model.v_cavity:
             # G1 = min(1, 2 h.n cos_theta_i / h.wi); h.wi is half the length of wi + wo, 1e-7 keeps it out of 0 / 0
-            h_wi = dr.maximum(dr.norm(local_i + local_o) / 2, 1e-7)
+            h_wi = dr.maximum(dr.norm(viewer + local_o) / 2, 1e-7)
             visible = dr.minimum(dr.rcp(4 * local_i.z), h.z / (2 * h_wi))
         else:
             root = dr.sqrt(dr.square(local_i.z) + dr.square(a_x * local_i.x) + dr.square(a_y * local_i.y))
             visible = dr.rcp(2 * (local_i.z + root))
         density += share * terms.D_ggx(h, a_x, a_y) * visible
     return dr.select(active, density, 0)
+
+
+def _mirrored(w: mi.Vector3f) -> mi.Vector3f:
+    """Return the mirror image of a direction about the normal."""
+    return mi.Vector3f(-w.x, -w.y, w.z)

@@ -74,7 +74,7 @@ def scaled(model: Model, lobes: Sequence[tuple]) -> Model:
     def result(params):
         own = without_absent(model.lobes, colours, params)
         return [
-            (own[k][0], *(dr.clip(a * c, *parameters.ROUGHNESS) for a in own[k][1:]))
+            type(own[k])((own[k][0], *(dr.clip(a * c, *parameters.ROUGHNESS) for a in own[k][1:])))
             for k, c in lobes
             if own[k] is not None
         ]

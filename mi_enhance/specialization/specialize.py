@@ -25,10 +25,12 @@ from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import distillation, pruning
 from .factor_problem import FactorProblem, factors_of
+from .own_network import divided, finished, own_network
 
 SHARED = "ggx2_small"  # the network that textured materials get
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
 SIZES = (6, 8, 12, 16)
+_OWN_PAIRS = 32_768  # pairs of directions that tell a network in RGB what the material is
 
 _TRAINING, _VALIDATION = 8192, 20_000  # pairs of directions
 _AT_BEST = 2.5  # the next size is never better by more: what is hopeless is not tried
@@ -105,20 +107,20 @@ def specialize(
     material = material.unspecialized
     if textured:
         return _shared(material, measurements, seed, start)
+    if measurements or material.brdf.trunk:
+        return _own(material, measurements, max_error, size, seed, start, progress)
     slots = factors_of(material.brdf)
     training = FactorProblem(material, slots, *sample_pairs(_TRAINING, seed=seed + 1, min_cos=_MIN_COS))
     validation = FactorProblem(material, slots, *sample_pairs(_VALIDATION, seed=seed + 2))
-    learned, held_out = _measured(material, slots, measurements, seed) if measurements else (None, None)
     chosen = False
     compact: tuple[DistilledNetwork, ...] = ()
     sizes = (size,) if size else SIZES
     for k, units in enumerate(sizes):
-        compact = (_learn(training, learned, units, np.random.default_rng(seed)),)
+        compact = (_learn(training, units, np.random.default_rng(seed)),)
         error = validation.error(compact)
-        grown = held_out.error(compact) - held_out.error() if held_out else error
-        progress(Progress(f"network {units}-{units}", k + 1, len(sizes), {"error": grown}))
-        chosen = size is not None or grown <= max_error
-        if chosen or grown > max_error * _AT_BEST ** (len(sizes) - 1 - k):
+        progress(Progress(f"network {units}-{units}", k + 1, len(sizes), {"error": error}))
+        chosen = size is not None or error <= max_error
+        if chosen or error > max_error * _AT_BEST ** (len(sizes) - 1 - k):
             break
     network = "-".join(map(str, compact[0].sizes))
     if not chosen:
@@ -127,28 +129,30 @@ def specialize(
         error = validation.error(compact) if compact else 0.0
     brdf = dataclasses.replace(material.brdf, distilled=compact)
     more: SpecializeReport = {"specialize_max_error": max_error}
-    if held_out:
-        more |= {"specialize_log_l1": held_out.error(compact), "specialize_log_l1_exact": held_out.error()}
     return _specialized(material, brdf, network, error, start, more)
 
 
 def _specialized(
-    material: Material, brdf: EnhancedBRDF, network: str, error: float, start: float, more: SpecializeReport
+    material: Material,
+    brdf: EnhancedBRDF,
+    network: str,
+    error: float,
+    start: float,
+    more: SpecializeReport,
+    multiply_adds: int | None = None,
 ) -> Material:
     """Return the material with another BRDF, and a report of its cost."""
     report: SpecializeReport = {
         "specialize_network": network,
         "specialize_error": error,
         "specialize_multiply_adds": brdf.multiply_adds,
-        "specialize_multiply_adds_exact": material.brdf.multiply_adds,
+        "specialize_multiply_adds_exact": multiply_adds or material.brdf.multiply_adds,
         "specialize_seconds": time.perf_counter() - start,
     }
     return dataclasses.replace(material, brdf=brdf, report={**material.report, **report, **more})
 
 
-def _learn(
-    training: FactorProblem, learned: FactorProblem | None, units: int, rng: np.random.Generator
-) -> DistilledNetwork:
+def _learn(training: FactorProblem, units: int, rng: np.random.Generator) -> DistilledNetwork:
     """Return a network with two layers of `units` hidden units."""
     spread = {name: v.std() for name, v in training.features.items()}
     inputs = tuple(name for name in _INPUTS if spread.get(name, 0) > _MIN_SPREAD)
@@ -160,8 +164,6 @@ def _learn(
         first = distillation.first(sizes, np.median(training.logs, 0), rng)
         trials.append(distillation.train(first, x[:_FEW], training.of_factors, steps=15))
     layers, _ = distillation.train(min(trials, key=lambda t: t[1])[0], x, training.of_factors, steps=40)
-    if learned:
-        layers, _ = distillation.train(layers, (learned.columns(inputs) - mean) / std, learned.of_truth, steps=20)
     return DistilledNetwork(training.slots, inputs, tuple(distillation.on_raw_inputs(layers, mean, std)))
 
 
@@ -178,17 +180,48 @@ def _shared(material: Material, measurements: Measurements | None, seed: int, st
     return _specialized(small, small.brdf, SHARED, error, start, more)
 
 
-def _measured(
-    material: Material, slots: tuple[str, ...], measurements: Measurements, seed: int
-) -> tuple[FactorProblem, FactorProblem]:
-    """Return the measurements in two parts, one to learn and one to judge by."""
-    order = np.random.default_rng(seed).permutation(len(measurements.f))
-    n = min(2 * _TRAINING, len(order) // 2)
-    learned, held_out = (
-        FactorProblem(material, slots, measurements.wi[k], measurements.wo[k], measurements.f[k])
-        for k in (order[:n], order[n : n + _VALIDATION])
-    )
-    return learned, held_out
+def _own(
+    material: Material,
+    measurements: Measurements | None,
+    max_error: float,
+    size: int | None,
+    seed: int,
+    start: float,
+    progress: Callback,
+) -> Material:
+    """Return the material with the cheapest network of its own, in RGB, that follows the measurements, or itself."""
+    wi, wo = sample_pairs(_OWN_PAIRS, seed=seed + 1, min_cos=_MIN_COS)
+    truth = measurements or Measurements(wi, wo, material.evaluate(wi, wo), "material", "itself")
+    seen, unseen = divided(truth, seed)
+    exact = log_l1(material.evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
+    sizes = (size,) if size else SIZES
+    best: tuple[Material, float] | None = None
+    for k, units in enumerate(sizes):
+        found = own_network(
+            material,
+            seen,
+            unseen,
+            (units, units),
+            reciprocal=material.reciprocal,
+            hold=measurements is None,
+            seed=seed,
+            progress=progress,
+        )
+        progress(Progress(f"network {units}-{units}", k + 1, len(sizes), {"error": found[1] - exact}))
+        best = found if best is None or found[1] < best[1] else best
+        if best[1] - exact <= max_error:
+            break
+    assert best is not None
+    if size is None and best[1] - exact > max_error:
+        return _specialized(material, material.brdf, "exact", 0.0, start, {"specialize_max_error": max_error})
+    result = finished(best[0])
+    network = "-".join(map(str, result.brdf.distilled[0].sizes))
+    more: SpecializeReport = {"specialize_max_error": max_error}
+    if measurements:
+        more |= {"specialize_log_l1": best[1], "specialize_log_l1_exact": exact}
+    wi, wo = sample_pairs(_VALIDATION, seed=seed + 2)
+    error = log_l1(result.evaluate(wi, wo), material.evaluate(wi, wo), wo[:, 2])
+    return _specialized(result, result.brdf, network, error, start, more, material.brdf.multiply_adds)
 
 
 def _pruned(material: Material, training: FactorProblem) -> tuple[DistilledNetwork, ...]:

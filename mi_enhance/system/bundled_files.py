@@ -63,7 +63,9 @@ def demo_data(name: str) -> Path:
     return _find(_PACKAGE / "bundled/rgl", name, "demo_data()")
 
 
-DEFAULT_NETWORK = "ggx2"  # the shipped one that is used where none is named
+# The shipped networks that are used where none is named: for one material, and where hundreds of numbers for each are
+# too many (surfaces and photographs).
+DEFAULT_NETWORK, SURFACE_NETWORK = "ggx2_rgb", "ggx2"
 
 
 def network_file(name: str) -> Path:
@@ -80,3 +82,14 @@ def network_file(name: str) -> Path:
         If there is no such network; the message lists those there are.
     """
     return _find(_PACKAGE / "networks", f"{name}.bsdf", "network_file()")
+
+
+def network_exists(name: str) -> bool:
+    """Tell whether a network of that name comes with the package.
+
+    Examples
+    --------
+    >>> network_exists("ggx"), network_exists("ggx_retro")
+    (True, False)
+    """
+    return (_PACKAGE / "networks" / f"{name}.bsdf").is_file()

@@ -23,8 +23,8 @@ def require_file(path: str | Path, where: str) -> Path:
 
 
 def material_name(path: str | Path) -> str:
-    """Name of the material in a file that holds one; RGL appends `_rgb`, which is no part of the name."""
-    return Path(path).stem.removesuffix("_rgb")
+    """Name of the material in a file that holds one; RGL appends `_rgb` or `_spec`, which is no part of the name."""
+    return Path(path).stem.removesuffix("_rgb").removesuffix("_spec")
 
 
 def digest(*parts: Any) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analytic import parameters
 from ..fitting.analytic_fit import fit_analytic
-from ..fitting.objective import Objective
+from ..fitting.problems import objective_of
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..numerics import levenberg_marquardt
 from ..system import npz
@@ -40,7 +40,7 @@ def analytic_start(brdf: EnhancedBRDF, samples: TrainingSet, cache: Path | None 
 
 def representative(kinds: list[str]) -> np.ndarray:
     """Return the indices of the materials that fits start from: all measured ones and as many others, evenly spaced."""
-    made_up = np.array([kind in ("nps-mixtures", "synthetic", "two-lobes", "assorted") for kind in kinds])
+    made_up = np.array([kind not in ("nps", "nbrdf", "file", "given") for kind in kinds])
     measured, rest = np.flatnonzero(~made_up), np.flatnonzero(made_up)
     n = min(len(rest), max(len(measured), 250))
     return np.sort(np.append(measured, rest[np.linspace(0, len(rest) - 1, n).astype(int)] if n else rest))
@@ -49,7 +49,7 @@ def representative(kinds: list[str]) -> np.ndarray:
 def validate(brdf: EnhancedBRDF, samples: TrainingSet, start: np.ndarray) -> np.ndarray:
     """Return the loss of materials that are not trained on, (M,), each fitted by a few steps from `start`."""
     n = min(START_SAMPLES, samples.n_samples)
-    problem = Objective(brdf, *first_samples(samples, n), n)
+    problem = objective_of(brdf, *first_samples(samples, n), n)
     _, losses = levenberg_marquardt.minimize(
         problem.loss,
         problem.normal_equations,

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from ..neural import mlp
 from ..neural.inputs import INPUTS, InputKind
-from ..system.settings import FLAG, LIST, TEXT, Settings, number, of_type, one_of, setting, whole
+from ..system.settings import FLAG, LIST, TEXT, Rule, Settings, number, of_type, one_of, setting, whole
 
 _REPLACE = of_type("a list of slots, or {slot: hidden sizes}", list, tuple, dict)
 
@@ -24,6 +24,9 @@ class TrainingSettings(Settings):
         Slots that get a module, or slots with the hidden sizes of their modules.
     inputs : str
         What the modules see, see :mod:`mi_enhance.neural.inputs`.
+    read_out : str or None
+        ``"rgb"`` or ``"scalar"``: the slots share one trunk of the sizes `hidden`, which materials read out by weights
+        of their own; None: every slot has a module.
     modulated : bool
         The last layer of a module belongs to the material.
     n_latent : int
@@ -36,8 +39,8 @@ class TrainingSettings(Settings):
         Samples per material: all, and those of one step.
     steps, imitation_steps : int
         Steps of the training, and of the imitation before it.
-    lr, lr_parameters : float
-        Learning rates of the weights and of the parameters; both fall to 1 % along a cosine.
+    lr, lr_parameters, lr_read_out : float
+        Learning rates of the weights, of the parameters and of the read-outs; all fall to 1 % along a cosine.
     refits : int
         Times, evenly spread, that every material is fitted anew.
     seed : int
@@ -53,6 +56,7 @@ class TrainingSettings(Settings):
     model: str = setting("ggx", TEXT)
     replace: Any = setting(["F", "F*G", "G", "1/E"], _REPLACE)
     inputs: InputKind = setting("shape", one_of(*INPUTS))
+    read_out: Any = setting(None, Rule('"rgb", "scalar" or null', lambda v: v in (None, "rgb", "scalar")))
     modulated: bool = setting(False, FLAG)
     n_latent: int = setting(27, whole())
     hidden: list[int] = setting(list(mlp.HIDDEN), LIST)
@@ -64,5 +68,6 @@ class TrainingSettings(Settings):
     imitation_steps: int = setting(1000, whole())
     lr: float = setting(2e-3, number())
     lr_parameters: float = setting(3e-3, number())
+    lr_read_out: float = setting(1e-2, number())
     refits: int = setting(3, whole())
     seed: int = setting(0, whole())

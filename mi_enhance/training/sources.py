@@ -12,8 +12,17 @@ What is decoded, and how many of each, is said by a list of sources (the ``data`
 ``synthetic``         `count` anisotropic GGX with rotated tangents and the paper's noise
 ``two-lobes``         `count` materials with a sharp and a wide lobe, half of them anisotropic
 ``assorted``          `count` materials of assorted distributions, Fresnel colours, geometric and diffuse factors
+``thin-film``         `count` iridescent materials: interference films, half of them with flakes
+``coated``            `count` materials under a sharp clear coat, often tinted
+``near-mirror``       `count` polished metals, roughness 0.003 to 0.03, with haze
+``cloth``             `count` materials with the sheen of fibres that stand up
+``retro``             `count` materials that send light back where it came from
+``anisotropic``       `count` brushed materials, up to 20 times as rough along one axis
 ``file``              one measured file that :func:`mi_enhance.data.loading.load` reads
 ====================  =====================================================================================
+
+All that are made up by formulas, ``synthetic`` to ``anisotropic``, take ``"peaks": share``: that share of the samples
+of each material, 0 (default) to 1, has its half vector in the highlight, which uniform samples hardly see.
 """
 
 from __future__ import annotations
@@ -26,7 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from ..data import nbrdf, nps
+from ..data import made_up, nbrdf, nps
 from ..data.directions import cosine_hemisphere, sample_pairs
 from ..data.loading import load, names
 from ..data.measurements import Measurements
@@ -161,18 +170,28 @@ def _from_file(source: Source, n: int, seed: int) -> list[Job]:
     return [functools.partial(load, source["path"], n_samples=n, seed=seed, material=source.get("material"))]
 
 
-def _made_up(draw: Callable[[int, int], Measurements]) -> Callable[[Source, int, int], list[Job]]:
-    return lambda source, n, seed: [functools.partial(draw, seed + k, n) for k in range(source["count"])]
+Kind = tuple[Callable[[Source, int, int], list[Job]], tuple[str, ...], tuple[str, ...]]
+
+
+def _made_up(draw: Callable[..., Measurements]) -> Kind:
+    """Return the kind whose materials ``draw(seed, n, peaks=share)`` makes up."""
+
+    def jobs(source: Source, n: int, seed: int) -> list[Job]:
+        peaks = source.get("peaks", 0)
+        return [functools.partial(draw, seed + k, n, peaks=peaks) for k in range(source["count"])]
+
+    return jobs, ("count",), ("peaks",)
 
 
 # kind: its jobs, what it needs, what it may have
-_KINDS: dict[str, tuple[Callable[[Source, int, int], list[Job]], tuple[str, ...], tuple[str, ...]]] = {
+_KINDS: dict[str, Kind] = {
     "nps": (_from_nps, ("path",), ("held_out",)),
     "nps-mixtures": (_mixtures, ("path", "count"), ("held_out", "albedo", "warp")),
     "nbrdf": (_from_nbrdf, ("path",), ()),
-    "synthetic": (_made_up(lambda seed, n: ggx_anisotropic(seed, n)[0]), ("count",), ()),
-    "two-lobes": (_made_up(two_lobes), ("count",), ()),
-    "assorted": (_made_up(assorted), ("count",), ()),
+    "synthetic": _made_up(lambda seed, n, peaks: ggx_anisotropic(seed, n, peaks=peaks)[0]),
+    "two-lobes": _made_up(two_lobes),
+    "assorted": _made_up(assorted),
+    **{kind: _made_up(functools.partial(made_up.measured, kind)) for kind in made_up.KINDS},
     "file": (_from_file, ("path",), ("material",)),
 }
 
@@ -187,6 +206,7 @@ _RULES = {
     "held_out": one_of("all", "without", "only"),
     "albedo": Rule("[low, high]", _is_range),
     "warp": FLAG,
+    "peaks": Rule("a number from 0 to 1", lambda v: type(v) in (int, float) and 0 <= v <= 1),
     "material": Rule("a name, or null", lambda v: v is None or isinstance(v, str)),
 }
 

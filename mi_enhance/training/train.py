@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..analytic import models
-from ..neural.enhance import enhance
+from ..neural.enhance import enhance, with_trunk
+from ..neural.enhanced_brdf import EnhancedBRDF
 from ..system.files import read_json, write_text
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
@@ -26,6 +27,7 @@ from .imitation import imitate
 from .settings import TrainingSettings
 from .sources import build
 from .trainer import Trainer
+from .trunk_trainer import TrunkTrainer
 
 _EVERY = (1000, 4)  # steps to a checkpoint, and checkpoints to a validation, which takes as long as 200 steps
 
@@ -76,21 +78,14 @@ def train(
         build, n_samples=settings.n_samples, seed=settings.seed, cache=folder / "cache", progress=progress
     )
     samples = read(settings.data)
-    brdf = enhance(
-        models.from_toml(settings.model) if settings.model.endswith(".toml") else settings.model,
-        settings.replace,
-        n_latent=settings.n_latent,
-        hidden=settings.hidden,
-        inputs=settings.inputs,
-        modulated=settings.modulated,
-        seed=settings.seed,
-    )
+    brdf, kind = _network(settings), TrunkTrainer if settings.read_out else Trainer
     if checkpoint.exists():
-        trainer = Trainer(brdf, samples, settings, np.ones((len(samples.names), brdf.n_parameters)))
+        trainer = kind(brdf, samples, settings, np.ones((len(samples.names), brdf.n_parameters)))
         trainer.resume(checkpoint)
     else:
-        brdf = imitate(brdf, steps=settings.imitation_steps, seed=settings.seed, progress=progress)
-        trainer = Trainer(brdf, samples, settings, analytic_start(brdf, samples))
+        if not settings.read_out:  # which is the analytic model at first
+            brdf = imitate(brdf, steps=settings.imitation_steps, seed=settings.seed, progress=progress)
+        trainer = kind(brdf, samples, settings, analytic_start(brdf, samples))
     total = settings.steps
     unseen = read(settings.validation) if settings.validation and trainer.step < total else None
     unseen_start = analytic_start(brdf, unseen) if unseen else None
@@ -120,6 +115,29 @@ def train(
         progress(Progress("train", trainer.step, total, figures))
     _ship(trainer, folder)
     return trainer
+
+
+def _network(settings: TrainingSettings) -> EnhancedBRDF:
+    """Return the BRDF to train, with its first weights."""
+    model = models.from_toml(settings.model) if settings.model.endswith(".toml") else settings.model
+    if settings.read_out:
+        return with_trunk(
+            model,
+            settings.replace,
+            n_latent=settings.n_latent,
+            hidden=settings.hidden,
+            channels=3 if settings.read_out == "rgb" else 1,
+            seed=settings.seed,
+        )
+    return enhance(
+        model,
+        settings.replace,
+        n_latent=settings.n_latent,
+        hidden=settings.hidden,
+        inputs=settings.inputs,
+        modulated=settings.modulated,
+        seed=settings.seed,
+    )
 
 
 def _ship(trainer: Trainer, folder: Path) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -45,13 +44,15 @@ class Trainer:
         Parameters of the materials to start from.
     """
 
+    keys: ClassVar[tuple[str, ...]] = ("weights", "parameters")  # of the optimizer
+
     def __init__(self, brdf: EnhancedBRDF, samples: TrainingSet, settings: TrainingSettings, start: np.ndarray):
         self.brdf, self.settings, self.samples = brdf, settings, samples
         self.n_materials = len(samples.names)
         self.step = 0
-        self.trainable = trainable.Trainable(brdf.modules)
+        self.trainable = trainable.Trainable(brdf.networks)
         self._data = [mi.Float(row) for row in samples.samples]
-        self._space = space = parameter_space.Space(brdf.parameters)
+        self._space = space = self._space_of(brdf)
         repeat = lambda v: mi.Float(np.repeat(v, self.n_materials).astype(np.float32))  # noqa: E731
         # Tracing takes as long as the kernels; they are the same in every step.
         self._backward = dr.freeze(lambda *inputs: self._trace_backward(*inputs))
@@ -62,10 +63,13 @@ class Trainer:
         self._start = space.to_free(start)
         self.optimizer["parameters"] = mi.Float(self._start.T.ravel().astype(np.float32))
 
-    def _indices(self) -> mi.UInt32:
+    def _space_of(self, brdf: EnhancedBRDF) -> parameter_space.Space:
+        return parameter_space.Space(brdf.parameters)
+
+    def _indices(self, step: int) -> mi.UInt32:
         """A run of consecutive samples of every material, from a random place; they are in random order anyway."""
         n, total = self.settings.batch, self.samples.n_samples
-        rng = np.random.default_rng((self.settings.seed, self.step))
+        rng = np.random.default_rng((self.settings.seed, step))
         start = mi.UInt32(rng.integers(0, total, self.n_materials).astype(np.uint32))
         offset = dr.repeat(start, n) + dr.tile(dr.arange(mi.UInt32, n), self.n_materials)
         offset = dr.select(offset >= total, offset - total, offset)
@@ -75,7 +79,7 @@ class Trainer:
         """Return the loss (eq. 1) per material on the next batch, and the gradients of weights and of parameters."""
         weights, flat = (mi.Float(dr.detach(self.optimizer[key])) for key in ("weights", "parameters"))
         with no_collection():
-            loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices())
+            loss, gradient, self.trainable.pending = self._backward(weights, flat, self._data, self._indices(self.step))
         return np.array(loss, np.float64) / self.settings.batch, self.trainable.gradient(), gradient
 
     def _trace_backward(self, weights, flat, data, index):
@@ -127,7 +131,7 @@ class Trainer:
 
     def result(self) -> EnhancedBRDF:
         """Return the BRDF with the current weights."""
-        return dataclasses.replace(self.brdf, modules=self.trainable.modules())
+        return self.brdf.with_networks(self.trainable.modules())
 
     def parameters(self) -> np.ndarray:
         """Return the physical parameters of all materials, array (M, n_parameters), float64."""
@@ -149,7 +153,7 @@ class Trainer:
     def save(self, path: Path) -> None:
         """Write a checkpoint: weights, parameters, state of the optimizer, step."""
         arrays: dict[str, Any] = {"step": self.step, "start": self._start}
-        for key in ("weights", "parameters"):
+        for key in self.keys:
             _, _, _, (t, m, v, _) = self.optimizer.state[key]
             arrays |= {key: dr.detach(self.optimizer[key]), f"{key}_t": t, f"{key}_m": m, f"{key}_v": v}
         arrays = {key: np.array(value) for key, value in arrays.items()}
@@ -158,11 +162,11 @@ class Trainer:
 
     def resume(self, path: Path) -> None:
         """Go on from a checkpoint, to the bit; a ValueError if it is damaged or another network's."""
-        where, keys = f'checkpoint "{path}"', ("weights", "parameters")
-        names = [f"{key}{suffix}" for key in keys for suffix in ("", "_t", "_m", "_v")]
+        where = f'checkpoint "{path}"'
+        names = [f"{key}{suffix}" for key in self.keys for suffix in ("", "_t", "_m", "_v")]
         stored = npz.read(path, ["step", "start", *names], where)
         self.step, self._start = int(npz.numbers(stored, "step", (), where)), stored["start"]
-        for key in keys:
+        for key in self.keys:
             n = (len(self.optimizer[key]),)
             self.optimizer[key], m, v = (
                 mi.Float(npz.numbers(stored, f"{key}{suffix}", n, where)) for suffix in ("", "_m", "_v")

@@ -31,6 +31,7 @@ NAMES = sorted(models.MODELS)
 EQUATIONS = {
     "ggx": "M + S * D * F * G * 1/E",
     "ggx2": "M * B + S * D * F * G * 1/E + S2 * D2 * F2 * G2 * 1/E2",
+    "ggx_retro": "M * B + S * D * F * G * 1/E + S2 * D_retro_ggx * F_retro_schlick * G2 * 1/E2",
     "cook_torrance": "M + S * D * F * G * 1/E",
     "ward": "M + S * D * 1/E",
     "abc": "M + S * D * F * G * 1/E",

@@ -130,13 +130,18 @@ def test_plot_and_page(tmp_path):
 
 
 @pytest.mark.slow
-def test_bench(llvm, tmp_path):
+@pytest.mark.parametrize("material", [None, "blue-acrylic"], ids=["rendered truth", "truth of samples only"])
+def test_bench(llvm, tmp_path, material):
     from mi_enhance.cli.main import main
 
-    assert main(["bench", str(FILE), "-o", str(tmp_path), "--samples", "2000", "--resolution", "32", "--spp", "4"]) == 0
+    source = [str(ROOT / "mi_enhance/bundled/nbrdf/merl.npz"), "--material", material] if material else [str(FILE)]
+    assert main(["bench", *source, "-o", str(tmp_path), "--samples", "2000", "--resolution", "32", "--spp", "4"]) == 0
     result = json.loads((tmp_path / "bench.json").read_text())
     by_label = {row["label"]: row for row in result["rows"]}
-    assert by_label["measured"]["log_l1"] < 1e-4
+    if material:
+        assert "measured" not in by_label and not any("ssim" in row for row in result["rows"])
+    else:
+        assert by_label["measured"]["log_l1"] < 1e-4
     assert by_label["enhanced, exact"]["log_l1"] < by_label["GGX in Python"]["log_l1"]
     assert all(row["cold"] > 0 and row["ball"] > 0 for row in result["rows"])
     assert (tmp_path / "pareto.png").exists() and (tmp_path / "index.html").exists()

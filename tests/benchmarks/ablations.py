@@ -19,9 +19,9 @@ import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then load
 import mitsuba as mi  # isort: skip
 import common
 import numpy as np
-from residual_model import LARGE, SMALL, with_residual
 
 from mi_enhance import data, models
+from mi_enhance.benchmark.residual_model import LARGE, SMALL, with_residual
 from mi_enhance.benchmark.timing import machine
 from mi_enhance.fitting.fit import fit
 from mi_enhance.hypercube import candidate, judging, setup

@@ -48,7 +48,7 @@ def main() -> None:
     about = machine()
     materials = {name: variations(shipped) for name, shipped in common.shipped().items()}
     for file in args.files:
-        materials[material_name(file)] = [fit(Material.pretrained(), data.load(file))]
+        materials[material_name(file)] = [fit(Material.pretrained("ggx2"), data.load(file))]
     count = len(_DEGREES) * sum(len(group) for group in materials.values())
     rows = []
     for name, group in tqdm(materials.items(), desc="materials"):

@@ -68,7 +68,7 @@ def main() -> None:
 
 def _methods(measurements, steps: int) -> dict:
     """Functions of the number of steps that return [(seconds, loss on all samples), ...]."""
-    network = Material.pretrained()
+    network = Material.pretrained("ggx2")
     seconds, analytic = clock(lambda: fit(Material.analytic(network.brdf.model.name), measurements))
     brdf: EnhancedBRDF = network.brdf
     values = {**parameters.initial(brdf.parameters), **analytic.params}

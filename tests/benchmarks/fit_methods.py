@@ -86,7 +86,7 @@ def _fit(args, path: str, method: str, only_compile: bool = False) -> dict | Non
     if only_compile and (method in _compiled):
         return None
     _compiled.add(method)
-    network = Material.load(args.network) if args.network else Material.pretrained()
+    network = Material.load(args.network) if args.network else Material.pretrained("ggx2")
     measurements = data.load(path, n_samples=args.samples, seed=args.seed)
     seconds, material = clock(lambda: fit(network, measurements, method=method, seed=args.seed))
     return {"log_l1": material.report["log_l1"], "seconds": seconds}

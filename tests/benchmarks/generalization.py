@@ -25,18 +25,16 @@ import rivals
 from accuracy import errors
 
 from mi_enhance import data
+from mi_enhance.benchmark import odd_samples
 from mi_enhance.benchmark.timing import machine
-from mi_enhance.data import rgl, synthetic
-from mi_enhance.data.directions import rusinkiewicz_to_directions
+from mi_enhance.data import synthetic
 from mi_enhance.fitting.losses import log_l1
 from mi_enhance.output.table import print_table, write_table
 from mi_enhance.system.files import material_name
 
 _KINDS = (synthetic.ward_anisotropic, synthetic.beckmann_mixture)
 _FEW = 1000
-_RETRO = np.deg2rad(1.5)  # of theta_d: the two directions are at most twice that apart
 _NOISE = 0.1
-_MIN_COS = 0.01  # as the usual samples have it
 _COLUMNS = {
     "case": ("case", ""),
     "label": ("model", ""),
@@ -141,39 +139,17 @@ def _few(path, n: int, seed: int) -> data.Measurements:
     return data.load(path, n_samples=min(n, _FEW), seed=seed + 1, kind="rgl")
 
 
-def _retro(path, n: int, seed: int) -> data.Measurements:
-    return _measured(path, n, seed, lambda angles: angles * [[1], [1], [_RETRO / (np.pi / 2)], [1]])
-
-
-def _in_plane(path, n: int, seed: int) -> data.Measurements:
-    return _measured(path, n, seed, lambda angles: np.stack([*angles[:3], np.pi * (angles[3] > np.pi)]))
-
-
 def _noisy(path, n: int, seed: int) -> data.Measurements:
     m = data.load(path, n_samples=n, seed=seed + 1, kind="rgl")
     noise = np.random.default_rng(seed).normal(1, _NOISE, m.f.shape)
     return data.Measurements(m.wi, m.wo, np.maximum(m.f * noise, 0), m.name, m.source)
 
 
-def _measured(path, n: int, seed: int, change) -> data.Measurements:
-    """Values of a file for random theta_h, phi_h, theta_d, phi_d after `change`, above the horizon."""
-    rng = np.random.default_rng(seed + 1)
-    pairs = []
-    while sum(len(wi) for wi, _ in pairs) < n:
-        angles = change(rng.random((4, 2 * n)) * (np.pi / 2 * np.array([[1], [4], [1], [4]])))
-        wi, wo = rusinkiewicz_to_directions(*angles)
-        above = np.minimum(wi[:, 2], wo[:, 2]) >= _MIN_COS
-        pairs.append((wi[above], wo[above]))
-    wi, wo = (np.concatenate(w)[:n].astype(np.float32) for w in zip(*pairs, strict=True))
-    f, clamped_fraction = data.clamp_negative(rgl.evaluate(path, wi, wo))
-    return data.Measurements(wi, wo, f, material_name(path), f"RGL file {path}", clamped_fraction)
-
-
 _CASES = {
     "all random samples": _usual,
     f"{_FEW:,} random samples": _few,
-    "only retro-reflective": _retro,
-    "only in-plane": _in_plane,
+    "only retro-reflective": odd_samples.retro_reflective,
+    "only in-plane": odd_samples.in_plane,
     "10 % noise": _noisy,
 }
 

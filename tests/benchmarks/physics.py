@@ -131,7 +131,7 @@ def _f(bsdf: mi.BSDF, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
 
 def _edited(n: int, seed: int, tqdm) -> tuple[dict, np.ndarray]:
     """The worst of n random materials, and the largest albedo of each, free and bounded."""
-    rng, network = np.random.default_rng(seed), Material.pretrained()
+    rng, network = np.random.default_rng(seed), Material.pretrained("ggx2")
     scenes = [m.bsdf() for m in (network, network.bounded())]
     held = [mi.traverse(b) for b in scenes]
     albedos, reciprocity = np.zeros((2, n)), 0.0
@@ -159,8 +159,8 @@ def _fitted(file: str, args) -> dict:
     measurements = data.load(file, n_samples=args.samples, seed=args.seed)
     if args.averaged:
         measurements = dataclasses.replace(measurements, f=common.averaged(measurements, file))
-    free = fit(Material.pretrained(), measurements, seed=args.seed)
-    both = fit(Material.pretrained(), measurements, reciprocal=True, bound_energy=True, seed=args.seed)
+    free = fit(Material.pretrained("ggx2"), measurements, seed=args.seed)
+    both = fit(Material.pretrained("ggx2"), measurements, reciprocal=True, bound_energy=True, seed=args.seed)
     row = {"material": Path(file).stem.removesuffix("_rgb"), **_examine(both)}
     row["albedo_unbounded"] = float(_albedos(mi.load_dict({**both.to_dict(), "energy": False})).max())
     figures = {

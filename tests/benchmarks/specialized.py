@@ -52,7 +52,7 @@ def main() -> None:
 
 def _material(name: str) -> list[dict]:
     measurements = data.load(common.BUNDLED / "nps/merl.npz", material=name)
-    exact = fit(Material.pretrained(), measurements)
+    exact = fit(Material.pretrained("ggx2"), measurements)
     forms = {"exact": exact, **{f"max error {e:g}": specialize(exact, max_error=e) for e in _ERRORS}}
     forms["refined on the measurements"] = specialize(exact, measurements)
     forms["small shared network"] = specialize(exact, measurements, textured=True)

@@ -44,7 +44,7 @@ def main() -> None:
     mi.set_variant("llvm_ad_rgb")
     about, rows = machine(), []
     for file in args.files:
-        material = fit(Material.pretrained(), data.load(file, n_samples=args.samples))
+        material = fit(Material.pretrained("ggx2"), data.load(file, n_samples=args.samples))
         lobes = len(material.mixture.scales)
         # albedos of 0 leave the lobes their least share: as near to the cosine alone as the plugin goes
         cosine = Mixture((1.0,) * lobes, (*((0.0,) * NODES,) * lobes, (1.0,) * NODES))

@@ -28,6 +28,7 @@ FOLDERS = {
     "check": ["check", "DATA", "-o", "OUT"],
     "compare": ["compare", "DATA", "-o", "OUT"],
     "bench": ["bench", "DATA", "-o", "OUT"],
+    "figure": ["figure", "5", "DATA", "-o", "OUT"],
     "train": ["train", "CONFIG", "-o", "OUT"],
 }
 

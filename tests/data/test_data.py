@@ -435,7 +435,7 @@ MERL_NPZ, NIELSEN = "mi_enhance/bundled/nps/merl.npz", "mi_enhance/bundled/nbrdf
             "mi_enhance/bundled/nbrdf/README.md",
             {},
             ValueError,
-            r"neither content nor suffix '.md' .* kind= \(merl, nbrdf",
+            r"neither content nor suffix '.md' .* kind= \(alta, .*merl, mit, nbrdf",
         ),
         (MERL_NPZ, {}, ValueError, r"holds 100 materials \(alum-bronze, .*material= \(--material\)"),
         (MERL_NPZ, {"material": "blue-acryl"}, ValueError, "no material 'blue-acryl' .*Did you mean \"blue-acrylic\""),

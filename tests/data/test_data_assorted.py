@@ -151,7 +151,7 @@ def test_assorted_in_a_training_set(tmp_path):
 
 
 def test_unknown_kind_is_refused_with_the_choices(tmp_path):
-    with pytest.raises(ValueError, match='kind "assort" is unknown. Choose one of: nps, .*two-lobes, assorted, file'):
+    with pytest.raises(ValueError, match='kind "assort" is unknown. Choose one of: nps, .*two-lobes, assorted, .*file'):
         build([{"kind": "assort", "count": 1}], n_samples=10, seed=0, cache=tmp_path)
 
 

@@ -126,7 +126,7 @@ def without(tensors, *names):
 
 
 def spectral(t):
-    return without(t, "rgb") | {"spectra": t["rgb"], "wavelengths": np.float32([400, 500, 600])}
+    return without(t, "rgb") | {"spectra": t["rgb"], "wavelengths": np.float32([400, 600, 500])}
 
 
 def changed(name, index, value):
@@ -142,7 +142,7 @@ def changed(name, index, value):
     "edit, message",
     [
         (lambda t: t, None),
-        (spectral, r'holds spectra; .*Download the RGB version of the material, "chm_mint_rgb.bsdf"'),
+        (spectral, r"the wavelengths \[400.0, 600.0, 500.0\] must be lengths in nm that increase"),
         (lambda t: {"description": text(json.dumps({"model": "ggx"})), "rho_d": np.float32([1, 1, 1])},
          "is a material of mi_enhance, not a measurement"),
         (lambda t: {"image": np.zeros((2, 2), np.float32)}, "not a measured RGL material: description, .* missing"),

@@ -12,8 +12,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from mi_enhance import Material
 from mi_enhance.evaluation import scenes
-from mi_enhance.evaluation.compare import compare, compare_files
+from mi_enhance.evaluation.compare import compare, compare_file, compare_files
 from mi_enhance.output import table
 from mi_enhance.system.bundled_files import scene_file
 
@@ -181,11 +182,33 @@ def test_compare_files_refuses(paths, tmp_path):
         compare_files(paths, tmp_path)
 
 
-def test_a_truth_that_cannot_be_rendered_is_refused(tmp_path):
+def test_a_damaged_truth_is_refused_before_anything_is_written(tmp_path):
     (tmp_path / "paint.binary").write_bytes(b"")
-    with pytest.raises(ValueError, match='paint.binary" cannot be rendered .* RGL .bsdf files only'):
+    with pytest.raises(ValueError, match="too few for a MERL file"):
         compare_files([tmp_path / "paint.binary"], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_truth_that_cannot_be_rendered_is_one_of_samples(llvm, tmp_path):
+    """Of one kind and of several: errors of samples, renders of the models, no error of a picture."""
+    models = {"GGX": Material.analytic("ggx"), "ward": Material.analytic("ward")}
+    settings = {"models": models, "n_samples": 300, "scene": "sphere_envmap", "resolution": 16, "spp": 4}
+    file = "mi_enhance/bundled/nbrdf/merl.npz"
+    rows = compare_file(file, tmp_path, material="blue-acrylic", **settings)
+    assert [(row["material"], row["label"]) for row in rows] == [("blue-acrylic", "GGX"), ("blue-acrylic", "ward")]
+    assert all(row["log_l1"] > 0 and row["mpaths_per_s"] > 0 and "ssim" not in row for row in rows)
+    assert {"comparison.png", "ggx.exr", "ward.bsdf"} <= {p.name for p in tmp_path.iterdir()}
+
+
+def test_a_mean_over_files_leaves_out_what_some_have_not(tmp_path, monkeypatch):
+    def one_file(path, folder):
+        folder.mkdir()
+        row = {"material": path.stem, "label": "GGX", "log_l1": 0.1}
+        return [row | ({"ssim": 0.5} if path.stem == "a" else {})]
+
+    monkeypatch.setattr(sys.modules["mi_enhance.evaluation.compare"], "compare_file", one_file)
+    (mean,) = compare_files([Path("a.bsdf"), Path("b.binary")], tmp_path).mean
+    assert mean == {"material": "mean of 2", "label": "GGX", "log_l1": pytest.approx(0.1)}
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------

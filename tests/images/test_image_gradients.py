@@ -28,7 +28,7 @@ VALUES = {
 @pytest.mark.slow
 def test_all_parameters_of_ggx2_against_differences_of_renders(llvm):
     """64 of its 69 numbers: three only scale others, and the tilt of the normal, which moves the horizon, is held."""
-    shipped = Material.pretrained()
+    shipped = Material.pretrained("ggx2")
     latent = np.asarray(shipped.library[5], np.float64)[18:66]
     scene = ball(
         {**shipped.edit(**VALUES, latent=latent).to_dict(), "id": "m"}, integrator={"type": "prb", "max_depth": 2}

@@ -26,7 +26,7 @@ SHAPES = {
 
 
 def material(name):
-    return Material.pretrained().edit(**SHAPES[name])
+    return Material.pretrained("ggx2").edit(**SHAPES[name])
 
 
 def improved(m):

@@ -31,7 +31,7 @@ def exact() -> Material:
     """The shipped network, satin, with all three terms."""
     mi.set_variant("llvm_ad_rgb")
     values = {"rho_d": (0.3, 0.2, 0.1), "rho_s": 0.3, "rho_s2": 0.1, "F0": 0.3, "alpha_x2": 0.3, "alpha_y2": 0.3}
-    return Material.pretrained().edit(**values)
+    return Material.pretrained("ggx2").edit(**values)
 
 
 @functools.lru_cache

@@ -186,7 +186,10 @@ def test_wrong_settings_are_refused(tmp_path, wrong, message):
         ),
         ({"kind": "synthetic"}, "count is missing. A source of this kind needs it"),
         ({"kind": "synthetic", "count": 3.0}, "count is 3.0; it must be a whole number from 0 to 1,000,000"),
-        ({"kind": "synthetic", "cuont": 3}, 'unknown setting "cuont". Choose from: kind, count. Did you mean "count"'),
+        (
+            {"kind": "synthetic", "cuont": 3},
+            'unknown setting "cuont". Choose from: kind, count, peaks. Did you mean "count"',
+        ),
         ({"kind": "nbrdf", "path": 3}, "path is 3; it must be a text"),
     ],
 )

@@ -9,7 +9,7 @@ from .abc import abc
 from .ashikhmin_shirley import ashikhmin_shirley
 from .cook_torrance import cook_torrance
 from .from_text import from_expression, from_toml
-from .ggx import ggx, ggx2
+from .ggx import ggx, ggx2, ggx_retro
 from .model import Model
 from .registry import MODELS, get
 from .ward import ward
@@ -25,6 +25,7 @@ __all__ = [
     "get",
     "ggx",
     "ggx2",
+    "ggx_retro",
     "ward",
 ]
 

@@ -8,25 +8,34 @@ function. Those of the package are listed for editors and type checkers. Argumen
 
 from ...system.modules import import_all
 from .diffuse import B_ashikhmin_shirley, B_lambert, M_lambert
+from .diffuse_rough import B_eon
 from .distribution import D_ashikhmin_shirley, D_beckmann, D_ggx, D_ward
 from .distribution_abc import D_abc, D_abc_normalised
+from .distribution_tails import D_generalized_beckmann, D_hyper_cauchy, D_student_t
 from .fresnel import F_cook_torrance, F_dielectric, F_schlick
 from .normalization import inv_E, inv_E_ashikhmin_shirley, inv_E_pi, inv_E_ward
 from .registry import ALTERNATIVES
+from .retro import D_retro_ggx, F_retro_schlick
 from .shadowing import G_smith_ggx, G_v_cavity
 from .specular import S_abc, S_constant
 
 __all__ = [
     "B_ashikhmin_shirley",
+    "B_eon",
     "B_lambert",
     "D_abc",
     "D_abc_normalised",
     "D_ashikhmin_shirley",
     "D_beckmann",
+    "D_generalized_beckmann",
     "D_ggx",
+    "D_hyper_cauchy",
+    "D_retro_ggx",
+    "D_student_t",
     "D_ward",
     "F_cook_torrance",
     "F_dielectric",
+    "F_retro_schlick",
     "F_schlick",
     "G_smith_ggx",
     "G_v_cavity",

@@ -25,7 +25,7 @@ class Alternative:
     term : callable
         A function of named quantities and parameters.
     slot : str
-        The letter of the paper that it stands for: ``"D"``, ``"F"``, ``"G"``, ``"1/E"``.
+        The letter of the paper that it stands for: ``"B"``, ``"D"``, ``"F"``, ``"G"``, ``"1/E"``.
     parameters : tuple of Parameter
         The parameters that it brings along where a model has none of that name.
     start : callable
@@ -33,6 +33,8 @@ class Alternative:
         `parameters` with which the term resembles the usual term of the slot most.
     roughness : callable, optional
         ``roughness(params) -> alpha`` of the GGX lobe that covers it, if its width is not alpha_x, alpha_y.
+    around_back : bool
+        The lobe lies around the direction that light came from, and is sampled there.
     """
 
     term: Callable
@@ -40,6 +42,7 @@ class Alternative:
     parameters: tuple[Parameter, ...] = ()
     start: Callable[[Arrays], Arrays] = lambda values: {}
     roughness: Callable[[Mapping], Any] | None = None
+    around_back: bool = False
 
 
 ALTERNATIVES: dict[str, Alternative] = {}
@@ -51,6 +54,7 @@ def term(
     parameters: Sequence[Parameter] = (),
     start: Callable[[Arrays], Arrays] = lambda values: {},
     roughness: Callable[[Mapping], Any] | None = None,
+    around_back: bool = False,
 ) -> Callable[[F], F]:
     """Register a function as a term that can stand in a slot of any model; see :class:`Alternative`.
 
@@ -63,7 +67,7 @@ def term(
     """
 
     def register(function: F) -> F:
-        ALTERNATIVES[function.__name__] = Alternative(function, slot, tuple(parameters), start, roughness)
+        ALTERNATIVES[function.__name__] = Alternative(function, slot, tuple(parameters), start, roughness, around_back)
         return function
 
     return register

@@ -37,7 +37,7 @@ def read_channels(path: Path, where: str) -> tuple[dict[str, np.ndarray], dict[s
 
     with path.open("rb") as opened:
         if opened.read(4) != b"\x76\x2f\x31\x01":
-            raise ValueError(f"{where}: this is no OpenEXR file. Give one that MaterialMaps.save() has written.")
+            raise ValueError(f"{where}: this is no OpenEXR file. Give one with a channel for each number.")
     try:
         with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
             headers = [dict(part.header) for part in file.parts]
@@ -49,7 +49,7 @@ def read_channels(path: Path, where: str) -> tuple[dict[str, np.ndarray], dict[s
     except Exception as error:  # the bindings raise RuntimeError, ValueError and TypeError on damaged bytes
         raise ValueError(_damaged(where, error)) from None
     if len(headers) != 1:
-        raise ValueError(f"{where}: this OpenEXR file has {len(headers)} parts; maps are one. Save them as one.")
+        raise ValueError(f"{where}: this OpenEXR file has {len(headers)} parts; one is read. Save one part.")
     if kind not in ("scanlineimage", "tiledimage") or steps - {(1, 1)}:
         what = "channels with fewer samples than texels" if steps - {(1, 1)} else f"deep pixels ({kind})"
         raise ValueError(f"{where}: this OpenEXR file has {what}. Save one number for each texel and channel.")

@@ -1,0 +1,131 @@
+"""The loss of materials that read out a shared trunk: the read-outs are unknowns of a linear model within each step.
+
+The logarithm of a factor is linear in the read-out, so its part of the Jacobian is the units of the trunk times one
+number per factor. It is made by matrix products and never passes through automatic differentiation.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..analytic import geometry, parameters
+from ..neural import trainable
+from ..neural import trunk as trunk_module
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.trunk import NAME, Trunk
+from ..numerics import columns
+from .objective import Objective, _gradient
+
+# Samples per float32 product; products are added in float64.
+_BLOCK = 4096
+
+
+class TrunkObjective(Objective):
+    """As :class:`mi_enhance.fitting.objective.Objective`, of a BRDF with a trunk and no modules."""
+
+    def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Any = None):
+        super().__init__(brdf, wi, wo, f, n, trainable.fused(brdf.networks) if evaluators is None else evaluators)
+        self.trunk = cast(Trunk, brdf.trunk)
+        self._rest = brdf.parameters[:-1]  # all but the read-out
+        self.n_rest = parameters.count(self._rest)
+
+    def residuals(self, u: np.ndarray) -> list[mi.Float]:
+        """See :meth:`Objective.residuals`."""
+        with dr.suspend_grad():
+            leaves, record, above, units = self._units(u)
+            phi = self._matrix(columns.pack(units), len(units))
+            logs = self._logs(u, phi)
+            return self._residual(
+                self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record) & above
+            )
+
+    def normal_equations(self, u: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See :meth:`Objective.normal_equations`."""
+        trunk, b, n = self.trunk, self.n_problems, self.n
+        leaves, record, above, units = self._units(u, grad=True)
+        phi = self._matrix(columns.pack(units), len(units))
+        logs = self._logs(u, phi)
+        dr.enable_grad(logs)
+        r = self._residual(self._f(record, logs) & above)
+        by_channel = [logs[c :: trunk.channels] if trunk.channels == 3 else logs for c in range(3)]
+        rows = []
+        for c in range(3):
+            rows += [*_gradient(r[c], [*leaves, *by_channel[c]], mi.Float(1)), dr.detach(r[c])]
+        n_rows, n_slots = len(rows) // 3, len(trunk.slots)
+        found = self._matrix(columns.pack(rows), len(rows)).reshape(b, 3, n_rows, n)
+        read = trunk.matrix(u[:, self.n_rest :].astype(np.float32))
+        h = np.zeros((b, u.shape[1], u.shape[1]))
+        g, total = np.zeros(u.shape), np.zeros(b)
+        place = self.n_rest + np.arange(trunk.size).reshape(n_slots, trunk.channels, -1)
+        for c in range(3):
+            direct, slopes, value = np.split(found[:, c], [self.n_rest, n_rows - 1], axis=1)
+            own = read[:, c :: trunk.channels, :-1] if trunk.channels == 3 else read[:, :, :-1]
+            direct = direct + self._through(units, leaves, np.matmul(own.transpose(0, 2, 1), slopes))
+            index = np.append(np.arange(self.n_rest), place[:, c if trunk.channels == 3 else 0])
+            for k in range(b):
+                total[k] += _accumulate(h[k], g[k], index, direct[k], slopes[k], phi[k], value[k, 0], epsilon[k])
+        return h / (3 * n), g / (3 * n), total / (3 * n)
+
+    def _f(self, record: dict, logs: list) -> Any:
+        return self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record)
+
+    def _units(self, u: np.ndarray, grad: bool = False) -> tuple[list, dict, Any, list]:
+        """Return the parameters but the read-out, the record, the lanes above the horizon, and the units."""
+        leaves = self._lanes(u[:, : self.n_rest])
+        if grad:
+            dr.enable_grad(leaves)
+        values = self._to_physical(leaves)
+        params = parameters.unflatten(self._rest, values)
+        q, above = geometry.local_quantities(self.wi, self.wo, params)
+        record = {**q, **params}
+        folded = {NAME: self.evaluators[NAME].fold(params["latent"])}
+        units = self.brdf.units(record, self.wi, self.wo, self.evaluators, folded)
+        return leaves, record, above, trunk_module.active(units)
+
+    def _to_physical(self, leaves: list) -> list:
+        return [dr.exp(v) if log else v for v, log in zip(leaves, self.space.log, strict=False)]
+
+    def _matrix(self, packed: mi.Float, n_columns: int) -> np.ndarray:
+        """Return columns of all lanes as an array (problems, columns, samples)."""
+        return columns.matrix(packed, n_columns).reshape(n_columns, self.n_problems, self.n).transpose(1, 0, 2)
+
+    def _logs(self, u: np.ndarray, phi: np.ndarray) -> list[mi.Float]:
+        """Return the logarithms of the factors."""
+        read = self.trunk.matrix(u[:, self.n_rest :].astype(np.float32))
+        y = np.matmul(read[:, :, :-1], phi) + read[:, :, -1:]
+        buffer = mi.Float(np.ascontiguousarray(y.transpose(1, 0, 2)).ravel())
+        return columns.unpack(buffer, self.trunk.n_outputs)
+
+    def _through(self, units: list, leaves: list, gradient: np.ndarray) -> np.ndarray:
+        """Return what a gradient of the units, (problems, K, samples), is for the parameters that the trunk sees."""
+        buffer = mi.Float(np.ascontiguousarray(gradient.transpose(1, 0, 2)).ravel())
+        dr.set_grad(units, columns.unpack(buffer, len(units)))
+        dr.enqueue(dr.ADMode.Backward, units)
+        dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)
+        result = dr.grad(leaves)
+        dr.clear_grad(leaves)
+        dr.clear_grad(units)
+        return self._matrix(columns.pack(result), len(result))
+
+
+def _accumulate(h, g, index, direct, slopes, phi, value, epsilon) -> float:
+    """Add one channel of one problem to the normal equations; return the sum of the smooth loss."""
+    ones = np.ones((1, _BLOCK), np.float32)
+    total = 0.0
+    for k in range(0, len(value), _BLOCK):
+        part = slice(k, k + _BLOCK)
+        v = value[part]
+        smooth = np.sqrt(v * v + np.float32(epsilon) ** 2)
+        scale = 1 / np.sqrt(smooth)
+        seen = np.concatenate([phi[:, part], ones[:, : len(v)]])
+        linear = ((slopes[:, part] * scale)[:, None] * seen).reshape(-1, len(v))
+        rows = np.concatenate([direct[:, part] * scale, linear, (v * scale)[None]])
+        product = (rows @ rows.T).astype(np.float64)
+        h[np.ix_(index, index)] += product[:-1, :-1]
+        g[index] += product[:-1, -1]
+        total += float(smooth.sum())
+    return total

@@ -1,0 +1,240 @@
+"""A small network of a material's own, in RGB, and the analytic parameters, learned together from measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..analytic import geometry, parameters
+from ..analytic.models.model import Model
+from ..analytic.parameter_space import Space
+from ..analytic.parameters import ASYMMETRY, MAX_LOG
+from ..fitting.objective import _gradient
+from ..neural.inputs import named
+from ..neural.mlp import SLOPE
+from ..numerics import columns
+from ..numerics.arrays import vector3f
+
+_BLOCK = 1024  # samples per product: their Jacobian of some hundred unknowns stays in the cache
+_CHANNELS = 3
+_LARGEST_WEIGHT = 30.0  # keeps a fit from running away along a direction the data says nothing about
+
+
+class OwnProblem:
+    """Loss of one material over the analytic parameters and the weights of a network of its own.
+
+    The unknowns are one vector: the parameters that move, then weight matrices and biases layer by layer. The network
+    is dense (each layer sees all before it); its outputs are the logarithms of RGB factors of `slots`.
+
+    Parameters
+    ----------
+    model : Model
+    slots : sequence of str
+    inputs : sequence of str
+        Names of features.
+    hidden : sequence of int
+    wi, wo, f : array (N, 3)
+    values : dict of str to array
+        All parameters of the model, and ``asymmetry``, at the start.
+    moving : array (P, Q)
+        How the Q unknowns move them: free values are `values` + `moving` @ unknowns.
+    mean, std : array (inputs,)
+        Features are standardized by them.
+    """
+
+    def __init__(self, model: Model, slots, inputs, hidden, wi, wo, f, values, moving, mean, std, weights=None):
+        self.model, self.slots, self.inputs = model, tuple(slots), tuple(inputs)
+        self.parameters = (*model.parameters, ASYMMETRY)
+        self.space = Space(self.parameters)
+        self.values = self.space.to_free(parameters.flatten(self.parameters, values))
+        self.moving = moving
+        self.wi, self.wo, self.n = vector3f(wi), vector3f(wo), len(wi)
+        self.cos = wo[:, 2].astype(np.float32)
+        self.truth = np.log1p(f.T.astype(np.float32) * self.cos)
+        self.mean, self.std = mean, std
+        self.weights = np.ones(self.n, np.float32) if weights is None else weights.astype(np.float32)
+        n_out, seen = _CHANNELS * len(self.slots), len(self.inputs)
+        self.shapes = []
+        for n in (*hidden, n_out):
+            self.shapes.append((n, seen))
+            seen += n
+
+    # -------------------------------------------------------------------------- unknowns
+
+    @property
+    def n_unknowns(self) -> int:
+        return self.moving.shape[1] + sum(a * (b + 1) for a, b in self.shapes)
+
+    def split(self, u: np.ndarray) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+        """Return the free parameter values (P,) and the layers of a vector of unknowns."""
+        q = self.moving.shape[1]
+        free = self.values + self.moving @ u[:q]
+        layers, at = [], q
+        for a, b in self.shapes:
+            w = u[at : at + a * b].reshape(a, b).astype(np.float32)
+            bias = u[at + a * b : at + a * (b + 1)].astype(np.float32)
+            layers.append((w, bias))
+            at += a * (b + 1)
+        return np.clip(free, self.space.low, self.space.high), layers
+
+    def join(self, moved: np.ndarray, layers: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Return the vector of unknowns."""
+        return np.concatenate([moved, *(np.append(w.ravel(), b) for w, b in layers)])
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of the unknowns."""
+        q = self.moving.shape[1]
+        low, high = np.full(self.n_unknowns, -_LARGEST_WEIGHT), np.full(self.n_unknowns, _LARGEST_WEIGHT)
+        at = self.moving.argmax(0) if q else np.zeros(0, int)
+        low[:q], high[:q] = (self.space.low - self.values)[at], (self.space.high - self.values)[at]
+        return low, high
+
+    def inputs_at_start(self) -> np.ndarray:
+        """Return the features for the parameters at the start, (N, inputs)."""
+        with dr.suspend_grad():
+            features = self._start(self.values, grad=False)[-1]
+            return columns.matrix(columns.pack(features), len(features)).T
+
+    def first(self, rng: np.random.Generator) -> np.ndarray:
+        """Return first unknowns: the parameters as they are, Xavier hidden layers, outputs of 0: the analytic model."""
+        layers = []
+        for k, (a, b) in enumerate(self.shapes):
+            limit = np.sqrt(6 / (a + b)) if k < len(self.shapes) - 1 else 0
+            layers.append((rng.uniform(-limit, limit, (a, b)), rng.uniform(-0.5, 0.5, a) * (limit > 0)))
+        return self.join(np.zeros(self.moving.shape[1]), layers)
+
+    # -------------------------------------------------------------------------- loss
+
+    def _start(self, free: np.ndarray, grad: bool):
+        leaves = [dr.opaque(mi.Float, float(v), self.n) for v in free]
+        if grad:
+            dr.enable_grad(leaves)
+        params = parameters.unflatten(self.parameters, self.space.to_physical(leaves))
+        q, above = geometry.local_quantities(self.wi, self.wo, params)
+        record = {**q, **params}
+        features = named(record)
+        return leaves, record, above, [features[name] + dr.zeros(mi.Float, self.n) for name in self.inputs]
+
+    def f(self, record, above, logs) -> Any:
+        functions = {}
+        for k, slot in enumerate(self.slots):
+            factor = mi.Color3f(*(dr.exp(dr.clip(v, -MAX_LOG, MAX_LOG)) for v in logs[3 * k : 3 * k + 3]))
+            node = self.model.graph.find(slot)
+            functions[slot] = lambda r, node=node, factor=factor: node(r) * factor
+        return mi.Color3f(self.model.graph.replace(functions)(record)) & above
+
+    def _x(self, features) -> np.ndarray:
+        x = columns.matrix(columns.pack(features), len(features)).T
+        return ((x - self.mean) / self.std).astype(np.float32)
+
+    def _logs(self, y: np.ndarray) -> list:
+        return columns.unpack(mi.Float(np.ascontiguousarray(y.T).ravel()), y.shape[1])
+
+    def residuals(self, u: np.ndarray) -> np.ndarray:
+        """Return the differences of the logarithms, (3, N)."""
+        free, layers = self.split(u)
+        with dr.suspend_grad():
+            _, record, above, features = self._start(free, grad=False)
+            y = _forward(layers, self._x(features))[0]
+            f = self.f(record, above, self._logs(y))
+            return self.truth - np.log1p(columns.matrix(columns.pack(list(f)), 3) * self.cos)
+
+    def loss(self, u: np.ndarray) -> np.ndarray:
+        """Return the mean absolute difference of the logarithms, (1,)."""
+        r = np.abs(self.residuals(u[0])).mean(0, dtype=np.float64)
+        return np.array([(r * self.weights).sum() / self.weights.sum()])
+
+    def normal_equations(self, u: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See :meth:`mi_enhance.fitting.objective.Objective.normal_equations`."""
+        free, layers = self.split(u[0])
+        leaves, record, above, features = self._start(free, grad=True)
+        x = self._x(features)
+        y, kept = _forward(layers, x)
+        logs = self._logs(y)
+        dr.enable_grad(logs)
+        f = self.f(record, above, logs)
+        r = [dr.log(1 + c * self.wo.z) for c in f]
+        rows = []
+        for c in range(_CHANNELS):
+            rows += [dr.detach(r[c]), *_gradient(r[c], [*leaves, *logs[c::3]], mi.Float(1))]
+        n_p, n_s = len(leaves), len(self.slots)
+        found = columns.matrix(columns.pack(rows), len(rows)).reshape(_CHANNELS, 1 + n_p + n_s, self.n)
+        p, q = u.shape[1], self.moving.shape[1]
+        h, g, total = np.zeros((p, p)), np.zeros(p), 0.0
+        moving = self.moving.astype(np.float32)
+        places = self._places(q)
+        for c in range(_CHANNELS):
+            value = found[c, 0] - self.truth[c]
+            direct, dy = found[c, 1 : 1 + n_p].T, found[c, 1 + n_p :].T
+            deltas, dx = _backward(layers, kept, dy, c)
+            direct = direct + self._through(features, leaves, dx / self.std)
+            direct = direct @ moving
+            index = np.concatenate([np.arange(q), places[c]])
+            smooth = np.sqrt(value * value + np.float32(epsilon[0]) ** 2)
+            scale = np.sqrt(self.weights / smooth)
+            total += float((smooth * self.weights).sum(dtype=np.float64))
+            hc, gc = np.zeros((len(index), len(index))), np.zeros(len(index))
+            for k in range(0, self.n, _BLOCK):
+                part = slice(k, k + _BLOCK)
+                s = scale[part, None]
+                rows_ = [direct[part] * s]
+                for (seen, _), dz in zip(kept, deltas, strict=True):
+                    d = dz[part] * s
+                    rows_ += [(d[:, :, None] * seen[part][:, None, :]).reshape(len(d), -1), d]
+                a = np.concatenate(rows_, axis=1)
+                hc += a.T @ a
+                gc += (value[part] * scale[part]) @ a
+            h[np.ix_(index, index)] += hc
+            g[index] += gc
+        n = _CHANNELS * self.weights.sum()
+        return h[None] / n, g[None] / n, np.array([total / n])
+
+    def _places(self, q: int) -> list[np.ndarray]:
+        """Return, by channel, the places of the weights that it depends on."""
+        at, hidden = q, []
+        for a, b in self.shapes[:-1]:
+            hidden.append(np.arange(at, at + a * (b + 1)))
+            at += a * (b + 1)
+        a, b = self.shapes[-1]
+        w = at + np.arange(a * b).reshape(a, b)
+        bias = at + a * b + np.arange(a)
+        return [np.concatenate([*hidden, w[c::3].ravel(), bias[c::3]]) for c in range(_CHANNELS)]
+
+    def _through(self, features, leaves, dx: np.ndarray) -> np.ndarray:
+        """Return the gradient of the parameters, (N, P), for that of the features, (N, inputs)."""
+        buffer = mi.Float(np.ascontiguousarray(dx.T.astype(np.float32)).ravel())
+        for v, seed in zip(features, columns.unpack(buffer, len(features)), strict=True):
+            if dr.grad_enabled(v):
+                dr.set_grad(v, seed)
+                dr.enqueue(dr.ADMode.Backward, v)
+        dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)
+        result = dr.grad(leaves)
+        dr.clear_grad(leaves)
+        dr.clear_grad(features)
+        return columns.matrix(columns.pack(result), len(result)).T
+
+
+def _forward(layers, x: np.ndarray) -> tuple[np.ndarray, list]:
+    """Return the outputs, and for every layer what it sees and the slopes of its units."""
+    kept = []
+    for w, b in layers:
+        z = x @ w.T + b
+        slope = np.where(z > 0, np.float32(1), np.float32(SLOPE))
+        kept.append((x, slope))
+        x = np.concatenate([x, z * slope], 1)
+    return z, kept
+
+
+def _backward(layers, kept, dy: np.ndarray, c: int) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the gradients of the values before the activations of all layers, and of the inputs, for one channel."""
+    deltas = [dy]
+    dseen = dy @ layers[-1][0][c::3]
+    for (w, _), (_, slope) in zip(layers[-2::-1], kept[-2::-1], strict=True):
+        dseen, da = np.split(dseen, [dseen.shape[1] - len(w)], axis=1)
+        deltas.append(da * slope)
+        dseen = dseen + deltas[-1] @ w
+    return deltas[::-1], dseen
