@@ -74,7 +74,6 @@ class Schedule:
         self.ways: list[dict[str, np.ndarray]] = []
         self.ends: list[tuple[float, dict[str, np.ndarray]]] = []
         self.done = 0
-        self.is_best = True  # no start that has ended was better than this one is now
 
     def resume(self) -> bool:
         """Go on from the state on disk; return False if there is none."""
@@ -89,8 +88,8 @@ class Schedule:
         self.ways = [pick(f"way{k}.") for k in range(about["ways"])]
         self.ends = [(loss, pick(f"end{k}.")) for k, loss in enumerate(about["ends"])]
         self.done, self.descent.curve = about["done"], about["curve"]
-        for way in self.ways[:1]:
-            self.descent.put(way)  # scene parameters that are no unknowns
+        is_trial = 1 < len(self.ways) > len(self.ends)
+        self.descent.put(self.ways[len(self.ends)] if is_trial else self._best())  # also what is no unknown
         self.descent.restore({part: pick(f"{part}.") for part in ("moved", "adam", "counts")})
         self.descent.start = time.perf_counter() - about["seconds"]
         return True
@@ -129,10 +128,10 @@ class Schedule:
         total = sum(len(leg.rates) for leg in legs)
         begun = last_kept = time.perf_counter()
         first = before = 0
-        for number, leg in enumerate(legs):
+        for leg in legs:
             start = self.done - before
             if start < len(leg.rates):
-                self._begin(leg, number, is_new=start == 0)
+                self._begin(leg, is_new=start == 0)
                 for k in self._steps(leg, start):
                     now, values = time.perf_counter(), {"loss": self.descent.curve[-1]["loss"]}
                     if not first:
@@ -141,14 +140,14 @@ class Schedule:
                         values["left"] = (now - begun) / (self.done - first) * (total - self.done)
                     progress(Progress(leg.label, k + 1, len(leg.rates), values))
                     every(self.done)
+                    if leg.way is not None and k + 1 == len(leg.rates):
+                        self.ends.append((self._loss(), {**self.ways[leg.way], **self.descent.values()}))
                     if now - last_kept > _KEEP_EVERY or self.done == 1:
-                        self.is_best = not self.ends or leg.way is None or self._loss() <= min(e for e, _ in self.ends)
                         self.keep()
-                        if self.is_best:
+                        # during the starts only if none that has ended was better
+                        if not self.ends or leg.way is None or self._loss() <= min(e for e, _ in self.ends):
                             kept()
                         last_kept = time.perf_counter()
-                if leg.way is not None:
-                    self.ends.append((self._loss(), {**self.ways[leg.way], **self.descent.values()}))
             before += len(leg.rates)
         self.descent.settle()
 
@@ -163,13 +162,16 @@ class Schedule:
             rates = rates[steps:]
         return legs
 
-    def _begin(self, leg: _Leg, number: int, is_new: bool) -> None:
+    def _begin(self, leg: _Leg, is_new: bool) -> None:
         if not is_new:
             return
         if leg.way is not None:
             self.descent.put(self.ways[leg.way])
         elif leg.stage == 0:
-            self.descent.put(min(self.ends, key=lambda end: end[0])[1] if self.ends else self.ways[0])
+            self.descent.put(self._best())
+
+    def _best(self) -> Way:
+        return min(self.ends, key=lambda end: end[0])[1] if self.ends else self.ways[0]
 
     def _steps(self, leg: _Leg, start: int) -> Iterator[int]:
         pixels, spp = self.book.stages[leg.stage], self.stages[leg.stage][1]
