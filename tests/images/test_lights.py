@@ -225,7 +225,7 @@ def test_a_run_that_was_killed_goes_on_where_it_was(photographs, tmp_path):
     assert state.exists() and kept and set(kept[-1]) == set(whole.materials)
     told = []
     again = fit_images(ball(MATTE.edit(rho_d=0.3)), photographs, progress=lambda p: told.append(p.step), **settings)
-    assert len(again.curve) == len(whole.curve) and len([k for k in told if k]) < 20
+    assert len(again.curve) == len(whole.curve) and len([k for k in told if k]) < 40  # not from the beginning
     for key, value in whole.values.items():
         np.testing.assert_allclose(again.values[key], value, rtol=2e-3)  # threads add samples in any order
     other = fit_images(ball(MATTE.edit(rho_d=0.4)), photographs, **settings)
