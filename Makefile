@@ -2,12 +2,12 @@
 # make test    the tests (make test-slow: those that take longer)
 # make lint    style, formatting, and who imports whom
 # make types   the types
-# make docs    the documentation site, into out/docs; a warning is an error
+# make docs    the documentation site, into out/docs; a warning is an error (make docs-links: are links of others alive)
 # make dist    sdist and wheel, into dist/ (make dist-check: the wheel works in an environment of its own)
 # make venv    .venv with everything, a usable LLVM included; choose the Python with  make venv PYTHON=python3.12
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
-.PHONY: venv demo test test-slow lint types docs dist dist-check
+.PHONY: venv demo test test-slow lint types docs docs-links dist dist-check
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -48,6 +48,9 @@ types: venv
 
 docs: venv
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/docs
+
+docs-links: venv
+	$(BIN)/python -m sphinx -q -b linkcheck docs out/docs-links
 
 dist: venv
 	rm -rf dist

@@ -44,6 +44,7 @@ _PUBLIC = {
     "shader_ball": "evaluation.scenes",
     "specialize": "specialization.specialize",
     "train": "training.train",
+    "view": "export.viewer",
     "write_views": "images.view_files",
 }
 _MODULES = {
@@ -57,6 +58,8 @@ _MODULES = {
     "terms": "analytic.terms",
 }
 __all__ = ["__version__", *_MODULES, *_PUBLIC]
+# Folders that the documentation names: `mi_enhance.evaluation.scenes.load` works after `import mi_enhance`.
+_ROOMS = ("analytic", "benchmark", "evaluation", "fitting", "hypercube", "images", "neural", "output", "training")
 
 
 def __getattr__(name: str):
@@ -66,6 +69,8 @@ def __getattr__(name: str):
         return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
     if name in _moved.NAMES:
         return _moved.lookup("", name)  # with a warning
+    if name in _ROOMS:
+        return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f'mi_enhance has no "{name}". Public names: {", ".join(__all__)}.')
 
 

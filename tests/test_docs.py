@@ -27,6 +27,35 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
 
 
+def test_every_dotted_name_works_after_import_mi_enhance(run_child):
+    """Those that pages, README and notebooks print, in a process that has imported nothing else."""
+    pages = [*PAGES, ROOT / "scenes/README.md", *sorted((ROOT / "notebooks").glob("*.ipynb"))]
+    text = "\n".join(page.read_text() for page in pages)
+    names = sorted({m[0] for m in re.finditer(r"\b(?<![/\w.])(?:me|mi_enhance)(?:\.[A-Za-z_]\w*)+", text)})
+    assert len(names) > 20
+    code = f"""import functools, mi_enhance
+for name in {names}:
+    try:
+        functools.reduce(getattr, name.split(".")[1:], mi_enhance)
+    except AttributeError as error:
+        print(name, error)
+"""
+    child = run_child(code)
+    assert child.returncode == 0, child.stderr
+    assert not child.stdout.strip(), child.stdout
+
+
+@pytest.mark.slow
+def test_site_builds_without_a_warning(run_child, tmp_path):
+    pytest.importorskip("sphinx")
+    child = run_child(
+        "import sys; from sphinx.cmd.build import main; "
+        f"sys.exit(main(['-W', '--keep-going', '-q', {str(ROOT / 'docs')!r}, {str(tmp_path / 'site')!r}]))"
+    )
+    assert child.returncode == 0, child.stdout + child.stderr
+    assert {"index.html", "own_scene.html", "paper.html"} <= {p.name for p in (tmp_path / "site").iterdir()}
+
+
 @pytest.mark.slow
 def test_readme_python_runs(llvm, tmp_path, monkeypatch):
     """All Python of the README, in order, where its data file lies under the name it uses."""

@@ -16,7 +16,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ..data.loading import kind_of, load
+from ..data.loading import is_scattered, load
 from ..data.measurements import Measurements, split
 from ..evaluation import scenes
 from ..evaluation.truth import rendered_truth
@@ -26,9 +26,11 @@ from ..system.files import material_name, replacing
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
 from . import timing
-from .contenders import REFERENCE, Contender, contenders, settings_of_fits, textured
+from .contender import Contender
+from .contenders import REFERENCE, contenders, settings_of_fits, textured
 from .errors import rendered_errors, write_json
 from .growth import GROWTH_COLUMNS, growth
+from .hybrid_contender import HYBRID_OF_FILES, hybrids_of_files
 from .jobs import LANES, MANY, frame, kernel, many, sphere
 from .page import draw_pareto, write_page
 from .processes import Workers, first_frames
@@ -148,15 +150,20 @@ def bench(
     keep_settings(folder / "settings.json", settings, "bench()")
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
     size = {"resolution": resolution, "spp": spp}
-    fitted: list[dict[str, Contender]] = []
+    samples = [_samples(path, n_samples, seed, material) for path in paths]
+    fitted: list[dict[str, Contender]] = [
+        contenders(truth, measured, folder / name, model=model, seed=seed, progress=progress)
+        for name, (measured, _), truth in zip(names, samples, truths, strict=True)
+    ]
+    lobes, measured = [models[REFERENCE] for models in fitted], [m for m, _ in samples]
+    for models, hybrid in zip(
+        fitted, hybrids_of_files(lobes, measured, folder, seed=seed, progress=progress), strict=True
+    ):
+        models[HYBRID_OF_FILES] = hybrid
     errors: list[dict[str, dict]] = []
-    for name, path, truth in zip(names, paths, truths, strict=True):
-        measured, unseen = _samples(path, n_samples, seed, material)
-        fitted.append(contenders(truth, measured, folder / name, model=model, seed=seed, progress=progress))
-        bsdfs = functools.partial(lambda models: {label: c.bsdf() for label, c in models.items()}, fitted[-1])
-        errors.append(
-            rendered_errors(list(fitted[-1]), bsdfs, unseen, folder / name, **size, seed=seed, progress=progress)
-        )
+    for name, (_, unseen), models in zip(names, samples, fitted, strict=True):
+        bsdfs = functools.partial(lambda models: {label: c.bsdf() for label, c in models.items()}, models)
+        errors.append(rendered_errors(list(models), bsdfs, unseen, folder / name, **size, seed=seed, progress=progress))
     rows = [_row(label, [f[label] for f in fitted], [e[label] for e in errors]) for label in fitted[0]]
     by_label = {row["label"]: row for row in rows}
     with Workers(fitted[0]) as workers:
@@ -175,7 +182,7 @@ def bench(
 
 def _samples(path: str | Path, n: int, seed: int, material: str | None) -> tuple[Measurements, Measurements]:
     """Return samples to fit to, and others to measure errors on; of a table a fifth of its rows is kept aside."""
-    if kind_of(path) == "table":
+    if is_scattered(path):
         measured = load(path, n_samples=n, seed=seed)
         return split(measured, min(_UNSEEN, len(measured.f) // 5), seed)
     pair = [load(path, n_samples=m, seed=seed + k, material=material) for k, m in enumerate((n, _UNSEEN))]

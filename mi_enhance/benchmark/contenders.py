@@ -10,7 +10,7 @@ import functools
 import json
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -25,6 +25,8 @@ from ..system.cache import cached
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
 from . import mitsuba_bsdfs, nbrdf, residual_network
+from .contender import Contender
+from .hybrid_contender import HYBRID, fit_to_file, hybrid_of_file
 
 REFERENCE = "GGX in Python"
 ANALYTIC = {"Ward": "ward", "Cook-Torrance": "cook_torrance", "Low's ABC": "abc"}  # models of ours, fitted like GGX
@@ -32,22 +34,6 @@ NBRDF = "NBRDF"
 EXACT = "enhanced, exact"
 _PAPER = "the paper's network"
 _NETWORKS = {"enhanced, small network": "ggx2_small", "enhanced ggx": "ggx", _PAPER: "paper"}
-
-
-class Contender(NamedTuple):
-    """A model that was fitted to one material."""
-
-    make: Callable  # (spec) -> mi.BSDF, a function of this module
-    spec: dict  # JSON
-    n_bytes: int  # that belong to this material alone
-    shared_bytes: int  # of the networks that all materials have in common
-    multiply_adds: int  # of all networks in one evaluation
-    seconds: float | None  # of the fit and all that followed it
-    can_be_textured: bool = False
-
-    def bsdf(self) -> mi.BSDF:
-        """The BSDF, of the active variant."""
-        return self.make(self.spec)
 
 
 def contenders(
@@ -129,6 +115,10 @@ def contenders(
     def trained_nbrdf() -> Contender:
         return _nbrdf(kept("nbrdf", "npz", lambda path: _train_nbrdf(path, measurements, seed)), analytic("ggx"))
 
+    def hybrid() -> Contender:
+        write = lambda path: fit_to_file(path, Material.load(analytic("ggx")), measurements, seed)  # noqa: E731
+        return hybrid_of_file(kept("hybrid", "npz", write), analytic("ggx"))
+
     recipes: dict[str, Callable[[], Contender]] = {
         label: functools.partial(lambda name: _ours(analytic(name)), name)
         for label, name in {REFERENCE: "ggx", **ANALYTIC}.items()
@@ -147,6 +137,7 @@ def contenders(
     recipes |= {
         f"{_PAPER}, cooperative": lambda: _ours(network(_NETWORKS[_PAPER]), evaluators="cooperative"),
         NBRDF: trained_nbrdf,
+        HYBRID: hybrid,
         "GGX and a residual network": residual,
     }
     if truth:

@@ -16,12 +16,17 @@ from ..system.files import material_name, replacing
 from ..system.progress import Callback, silent
 from .contenders import ANALYTIC, EXACT, NBRDF, REFERENCE, contenders
 from .errors import TRUTH, rendered_errors
+from .hybrid_contender import HYBRID
 
-NAMES = {EXACT: "enhanced", REFERENCE: "GGX"}  # in a figure, where all contenders are plugins in Python
+NAMES = {
+    EXACT: "enhanced",
+    REFERENCE: "GGX",
+    HYBRID: "hybrid (2026)",
+}  # in a figure, where all contenders are plugins in Python
 LABELS = {
-    5: (EXACT, REFERENCE, "Low's ABC", NBRDF),
+    5: (EXACT, REFERENCE, "Low's ABC", NBRDF, HYBRID),
     14: (EXACT, REFERENCE, NBRDF),
-    16: (EXACT, REFERENCE, *ANALYTIC, NBRDF),
+    16: (EXACT, REFERENCE, *ANALYTIC, NBRDF, HYBRID),
 }
 UNSEEN = 50_000  # pairs that errors are measured on
 

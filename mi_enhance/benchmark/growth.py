@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ..evaluation import scenes
-from .contenders import EXACT, REFERENCE, Contender
+from .contender import Contender
+from .contenders import EXACT, REFERENCE
 from .jobs import MANY, frame, many, sphere
 from .processes import Workers, first_frames
 

@@ -12,7 +12,8 @@ import numpy as np
 from ..data.directions import sample_pairs
 from ..evaluation import scenes
 from ..numerics.arrays import vector3f
-from .contenders import Contender, edited
+from .contender import Contender
+from .contenders import edited
 
 LANES = 1 << 20  # of the kernel that evaluates a BSDF alone
 MANY = 20  # materials in the scene of many

@@ -15,7 +15,7 @@ import numpy as np
 from ..data.directions import half_difference
 from ..data.measurements import Measurements
 from ..neural import baked
-from ..numerics.schedules import cosine_decay
+from .adam import Adam
 
 _SHAPES = {"W1": (6, 21), "b1": (21,), "W2": (21, 21), "b2": (21,), "W3": (21, 3), "b3": (3,)}
 _BATCH = 512
@@ -75,22 +75,17 @@ def train_nbrdf(
     gradient, slots = _views()
     for name, share in (("W1", 2), ("W2", 2), ("W3", 0.1)):  # 0.1: starts near f = 0, as most of a material is
         network[name][:] = rng.normal(0, np.sqrt(share / len(network[name])), network[name].shape)
-    mean, square = np.zeros_like(weights), np.zeros_like(weights)
     n, batch = len(x), min(_BATCH, len(x))
     steps = max(epochs * (n // batch), min_steps)
     order, first = rng.permutation(n), 0
-    for step in range(steps):
+    adam = Adam({"weights": weights}, learning_rate, steps)
+    while adam.step < steps:
         if first + batch > n:
             order, first = rng.permutation(n), 0
         part = order[first : first + batch]
         first += batch
         _backward(network, slots, x[part], cos[part], truth[part])
-        # Kingma and Ba 2015, algorithm 1, with the corrections for the start in the rate
-        mean += 0.1 * (gradient - mean)
-        square += 0.001 * (gradient * gradient - square)
-        rate = learning_rate * cosine_decay(step, steps, low=0)
-        rate *= np.sqrt(1 - 0.999 ** (step + 1)) / (1 - 0.9 ** (step + 1))
-        weights -= np.float32(rate) * mean / (np.sqrt(square) + 1e-8)
+        adam.advance({"weights": gradient})
     return network, time.perf_counter() - start
 
 
@@ -147,15 +142,19 @@ def nbrdf_function(network: Mapping[str, np.ndarray], highest: float) -> Callabl
     layers[0] = np.delete(layers[0][0], 1, 1), layers[0][1]  # the second input is 0
 
     def f(wi: mi.Vector3f, wo: mi.Vector3f) -> mi.Color3f:
-        h = dr.normalize(wi + wo)
-        sin_h = dr.sqrt(dr.square(h.x) + dr.square(h.y))
-        # where h is the normal, phi_h is 0 by definition
-        c, s = (dr.select(sin_h > 0, v / sin_h, default) for v, default in ((h.x, 1), (h.y, 0)))
-        u = c * wo.x + s * wo.y
-        d = h.z * u - sin_h * wo.z, c * wo.y - s * wo.x, sin_h * u + h.z * wo.z
-        x = [sin_h, h.z, *d]
+        x = turned(wi, wo)
         for k, (w, b) in enumerate(layers):
             x = baked.affine(w, x if k == 0 else [dr.maximum(v, 0) for v in x], b)
         return mi.Color3f([dr.clip(dr.exp(v) - 1, 0, highest) for v in x])
 
     return f
+
+
+def turned(wi: mi.Vector3f, wo: mi.Vector3f) -> list:
+    """Return :func:`nbrdf_features` in Dr.Jit, without the second, which is 0."""
+    h = dr.normalize(wi + wo)
+    sin_h = dr.sqrt(dr.square(h.x) + dr.square(h.y))
+    # where h is the normal, phi_h is 0 by definition
+    c, s = (dr.select(sin_h > 0, v / sin_h, default) for v, default in ((h.x, 1), (h.y, 0)))
+    u = c * wo.x + s * wo.y
+    return [sin_h, h.z, h.z * u - sin_h * wo.z, c * wo.y - s * wo.x, sin_h * u + h.z * wo.z]

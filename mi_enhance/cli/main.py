@@ -30,6 +30,7 @@ from . import (
     specialize,
     streams,
     train,
+    view,
 )
 from .arguments import OUTPUT_RULE
 
@@ -44,6 +45,7 @@ _COMMANDS = (
     check,
     specialize,
     export,
+    view,
     convert,
     train,
     search,

@@ -5,6 +5,7 @@ source into `wo` and `wi` (the conventions are on top of ``analytic/geometry.py`
 section 6 of the paper does (``directions.py``).
 """
 
+from ..system.modules import submodules
 from .functions import function_of
 from .loading import load, names, save_table
 from .measurements import Measurements, clamp_negative
@@ -20,3 +21,5 @@ __all__ = [
     "photometric_texels",
     "save_table",
 ]
+
+__getattr__ = submodules(__name__)

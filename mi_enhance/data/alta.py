@@ -58,7 +58,9 @@ _IN: dict[str, tuple[int, Callable[..., _Pair], bool]] = {
 }
 
 
-@reader("alta", about="ALTA .dat and .alta", suffixes=(".alta",), knows=lambda head: b"#PARAM_IN" in head)
+@reader(
+    "alta", about="ALTA .dat and .alta", suffixes=(".alta",), scattered=True, knows=lambda head: b"#PARAM_IN" in head
+)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Return the measured pairs of directions.
 

@@ -30,7 +30,7 @@ def _knows(head: bytes) -> bool:
     return re.search(rb"(?m)^\s*VARS\b", head) is not None
 
 
-@reader("astm", about="ASTM .astm", suffixes=(".astm",), knows=_knows)
+@reader("astm", about="ASTM .astm", suffixes=(".astm",), scattered=True, knows=_knows)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Return the measured pairs of directions.
 

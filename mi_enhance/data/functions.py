@@ -14,11 +14,13 @@ import numpy as np
 from ..system import files
 from .directions import sample_pairs
 from .loading import choose, recognized
+from .scattered import interpolated
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _TURNS = 8  # azimuths that a mean over all is taken of
 _PROBES = 4096  # pairs that a symmetry is judged by
+_MOST_SAMPLES = 1_000_000  # scattered, between which values are sought: more slow the search down and say no more
 _EXACT = 1e-5  # float32 rounding: closer is equal
 
 
@@ -51,6 +53,8 @@ def function_of(path: str | Path, *, material: str | None = None) -> Function:
     """
     where = f'data.function_of("{path}")'
     found = recognized(files.require_file(path, where), where)
+    if found.function is None and found.scattered:
+        return interpolated(found.read(path, n_samples=_MOST_SAMPLES, seed=0))
     if found.function is None:
         raise ValueError(f"{where}: {found.about} have no values between their samples. Fit them: mi-enhance fit.")
     if found.names is not None:

@@ -27,7 +27,12 @@ from .words import Words
 _TRISTIMULUS = ("TrisX", "TrisY", "TrisZ")
 
 
-@reader("lighttools", about="LightTools .bsdf", knows=lambda head: b"ScatterRadial" in head and b"AOI" in head)
+@reader(
+    "lighttools",
+    about="LightTools .bsdf",
+    scattered=True,
+    knows=lambda head: b"ScatterRadial" in head and b"AOI" in head,
+)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Return the measured pairs of directions.
 

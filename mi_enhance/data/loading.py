@@ -91,6 +91,18 @@ def kind_of(path: str | Path) -> str:
     return recognized(files.require_file(path, where), where).kind
 
 
+def is_scattered(path: str | Path) -> bool:
+    """Tell whether a file holds pairs of directions of its own, as tables do, and no rule for what lies between them.
+
+    Examples
+    --------
+    >>> is_scattered("mi_enhance/bundled/nbrdf/merl.npz")
+    False
+    """
+    where = f'data.is_scattered("{path}")'
+    return recognized(files.require_file(path, where), where).scattered
+
+
 def names(path: str | Path) -> list[str]:
     """List the materials in a file: all of a collection (NBRDF, NPs), else the one name taken from the file name.
 

@@ -11,6 +11,7 @@ The published description says no unit. The values are taken as they are; the BR
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,20 @@ def _knows(head: bytes) -> bool:
     return bool((h[:4] > 0).all() and (h[:4] < 1 << 16).all() and h[6] == 1 and h[7] == 0 and h[10] == 3)
 
 
-@reader("mit", about="MIT anisotropic .dat", knows=_knows)
+def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance of a file; see :func:`mi_enhance.data.functions.function_of`.
+
+    0 where nothing was measured.
+    """
+    table, half = read_table(path)
+
+    def f(wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
+        return np.nan_to_num(grid.interpolate(table, _coordinates(table.shape, half, wi, wo), _periodic(half)))
+
+    return f
+
+
+@reader("mit", about="MIT anisotropic .dat", knows=_knows, function=function)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of the measured material in `path`, only where bins were measured.
 

@@ -47,6 +47,8 @@ class Reader:
     function : callable, optional
         ``function(path) -> f``, of a collection ``function(path, index) -> f``: the reflectance ``f(wi, wo)`` between
         the values of the file, (N, 3), >= 0. None if it has none.
+    scattered : bool
+        The file holds pairs of directions of its own, which `read` returns, and nothing between them.
     """
 
     kind: str
@@ -58,6 +60,7 @@ class Reader:
     arrays: tuple[str, ...] = ()
     names: Callable[[str | Path], list[str]] | None = None
     function: Callable[..., Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
+    scattered: bool = False
 
 
 _readers: dict[str, Reader] = {}

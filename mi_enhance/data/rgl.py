@@ -133,6 +133,14 @@ def opened(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return f
 
 
+def is_renderable(path: str | Path) -> bool:
+    """Tell whether Mitsuba's `measured` reads the file as it is, in an RGB variant."""
+    where = f'data.load("{path}")'
+    fields = tensor_file.fields(require_file(path, where), where)
+    needed = {"rgb", "phi_i"} <= fields.keys()
+    return needed and not rgl_forms.needs_rewriting(fields, tensor_file.values(path, fields["phi_i"]))
+
+
 @contextlib.contextmanager
 def _as_mitsuba_reads(path: Path, fields: Mapping[str, np.ndarray], where: str) -> Iterator[Path]:
     """Yield the file itself, or a temporary one in the form that Mitsuba reads."""

@@ -33,19 +33,12 @@ from .directions import UNIT_TOLERANCE
 from .measurements import Measurements
 from .registry import reader
 from .rows import from_rows
-from .scattered import interpolated
 from .spectra import to_rgb
 from .table_header import ANGLES, GREY, RGB, VECTORS, wavelength
 from .text_table import TextTable, read_text
 
 _EXACT = 1e-6  # float32 rounding: such vectors are kept bit by bit
-_MOST_ROWS = 1_000_000  # between which values are sought: more slow the search down and say no more
 _Place = Callable[[int], str]
-
-
-def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Return the reflectance between the rows of a table; see :func:`mi_enhance.data.functions.function_of`."""
-    return interpolated(read(path, n_samples=_MOST_ROWS))
 
 
 @reader(
@@ -53,7 +46,7 @@ def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]
     about="tables .csv, .tsv, .txt, .dat and .npz",
     suffixes=(".csv", ".tsv", ".txt", ".dat"),
     arrays=("wi", "wo", "f"),
-    function=function,
+    scattered=True,
 )
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     r"""Read a table; columns and rules are in the head of this module.

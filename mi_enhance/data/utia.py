@@ -10,6 +10,7 @@ there (the database's own code extrapolates linearly, below zero at times). Nega
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,16 @@ _PERIODIC = (False, True, False, True)
 _MIN_COS = np.cos((_THETAS - 1) * _STEP_THETA) + 1e-6
 
 
-@reader("utia", about="UTIA .bin and .exr", suffixes=(".bin", ".exr"))
+def function(path: str | Path) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return the reflectance of a file; see :func:`mi_enhance.data.functions.function_of`.
+
+    Beyond 75 degrees it is that at 75 degrees.
+    """
+    table = read_table(path)
+    return lambda wi, wo: np.maximum(lookup(table, wi, wo), 0)
+
+
+@reader("utia", about="UTIA .bin and .exr", suffixes=(".bin", ".exr"), function=function)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Draw samples of the measured material in `path`, none beyond 75 degrees.
 

@@ -28,7 +28,12 @@ _LISTS = ("SampleRotation", "AngleOfIncidence", "ScatterAzimuth", "ScatterRadial
 _SYMMETRIES = ("PlaneSymmetrical", "Asymmetrical", "Asymmetrical4D")
 
 
-@reader("zemax", about="Zemax .bsdf", knows=lambda head: b"AngleOfIncidence" in head and b"ScatterRadial" in head)
+@reader(
+    "zemax",
+    about="Zemax .bsdf",
+    scattered=True,
+    knows=lambda head: b"AngleOfIncidence" in head and b"ScatterRadial" in head,
+)
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Return the measured pairs of directions.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..data.directions import sample_pairs
 from ..data.functions import Function, function_of
-from ..data.loading import kind_of, load
+from ..data.loading import is_scattered, load
 from ..data.measurements import Measurements
 from ..data.scattered import interpolated
 from ..fitting.fit import fit
@@ -92,7 +92,7 @@ def plot(
 def _measured(measured: Measurements | str | Path, collected: str | None) -> tuple[str, Function]:
     if isinstance(measured, Measurements):
         return measured.name, interpolated(measured)
-    if kind_of(measured) == "table":
+    if is_scattered(measured):
         return material_name(measured), function_of(measured)
     return collected or material_name(measured), function_of(measured, material=collected)
 

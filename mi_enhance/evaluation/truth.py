@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..data.loading import kind_of
+from ..data.rgl import is_renderable
 from ..system.files import require_file
 
 
 def rendered_truth(path: str | Path, where: str) -> dict | None:
-    """Return the BSDF of a measured file, or None: Mitsuba renders RGL files as they are, and no other kind.
+    """Return the BSDF of a measured file, or None: Mitsuba renders RGL files in RGB as they are, no other kind.
 
     Parameters
     ----------
@@ -34,4 +35,5 @@ def rendered_truth(path: str | Path, where: str) -> dict | None:
     >>> rendered_truth("mi_enhance/bundled/nps/merl.npz", "compare()")
     """
     file = require_file(path, f'{where}: "{path}"')
-    return {"type": "measured", "filename": str(file)} if kind_of(file) == "rgl" else None
+    rendered = kind_of(file) == "rgl" and is_renderable(file)
+    return {"type": "measured", "filename": str(file)} if rendered else None

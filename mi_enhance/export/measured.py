@@ -14,7 +14,7 @@ import numpy as np
 from ..data import functions
 from ..data.directions import sample_pairs
 from ..data.functions import Function
-from ..data.loading import kind_of, load, save_table
+from ..data.loading import is_scattered, load, save_table
 from ..data.measurements import Measurements, split
 from ..data.merl import write_merl
 from ..data.rgl_table import write_rgl
@@ -146,7 +146,7 @@ def opened(source: Material | str | Path, material: str) -> tuple[Function, str,
     if isinstance(source, Material):
         return source.evaluate, _name(source), {}
     name = material or material_name(source)
-    if kind_of(source) != "table":
+    if not is_scattered(source):
         return functions.function_of(source, material=material or None), name, {}
     m = load(source, n_samples=1_000_000)
     known, aside = split(m, len(m.f) // _ASIDE)

@@ -53,7 +53,7 @@ class Language:
     statement : str
         Template of the statement that gives an expression a name.
     long_statement : str
-        The same where it needs several lines.
+        The same where it needs several lines, if that differs.
     inline : frozenset of str
         Operations that never get a name.
     """
@@ -66,7 +66,7 @@ class Language:
     negation: str = "!{0}"
     choice: tuple[str, float] = ("{0} ? {1} : {2}", CHOICE)
     statement: str = "{type} {name} = {text};"
-    long_statement: str = statement
+    long_statement: str = ""
     inline: frozenset[str] = frozenset()
 
 
@@ -138,7 +138,8 @@ class Statements:
         language = self._language
         fields = {"type": language.types.get(v.kind), "name": name, "text": text}
         lines = wrapped(language.statement.format(**fields))
-        return lines if len(lines) == 1 else wrapped(language.long_statement.format(**fields))
+        longer = len(lines) > 1 and language.long_statement
+        return wrapped(longer.format(**fields)) if longer else lines
 
     def _name(self, v: Value) -> str:
         own = self._labels.get(v)

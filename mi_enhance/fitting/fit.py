@@ -124,9 +124,8 @@ def fit(
         starts = [_given(material.brdf, material), first]
         known = None
         if material.library is not None:
-            known = library_prior.from_library(
-                material, library_prior.weight(measurements.wi, measurements.wo, loss_analytic)
-            )
+            of = library_prior.weight_of_read_outs if material.brdf.trunk else library_prior.weight
+            known = library_prior.from_library(material, of(measurements.wi, measurements.wo, loss_analytic))
         vector, loss = run(material.brdf, starts, known)
         if material.brdf.trunk and loss > loss_analytic:  # samples that an early stage did not see
             vector, loss = first, loss_analytic

@@ -154,11 +154,17 @@ class Material(OldNames):
         """A text: equation, parameters, report."""
         lines = [str(self.brdf)]
         for p in self.brdf.parameters:
-            lines.append(f"  {p.name:<8} {' '.join(f'{v:.4g}' for v in self.params[p.name])}")
+            values = self.params[p.name]
+            text = " ".join(f"{v:.4g}" for v in values) if p.name != "read_out" else f"{len(values)} numbers"
+            lines.append(f"  {p.name:<8} {text}")
+        trunk = self.brdf.trunk
+        if trunk:
+            kind = "RGB factors" if trunk.channels == 3 else "factors"
+            sizes = "-".join(map(str, trunk.mlp.sizes))
+            lines.append(f"  {', '.join(trunk.slots)}: {kind}, read out of one trunk {sizes} by numbers of its own")
         for c in self.brdf.distilled:
-            lines.append(
-                f"  {', '.join(c.slots)} from a network {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}"
-            )
+            kind = "RGB factors from a network of its own" if c.channels == 3 else "from a network"
+            lines.append(f"  {', '.join(c.slots)}: {kind} {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}")
         lines.append(
             f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
             f"inputs: {self.brdf.inputs}"

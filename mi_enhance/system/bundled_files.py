@@ -84,6 +84,22 @@ def network_file(name: str) -> Path:
     return _find(_PACKAGE / "networks", f"{name}.bsdf", "network_file()")
 
 
+def rival_file(name: str) -> Path:
+    """Return the path of a network of somebody else's form, trained by us, that comes with the package.
+
+    Parameters
+    ----------
+    name : str
+        File name in ``mi_enhance/bundled/rivals/``, for example ``"hybrid.npz"``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    """
+    return _find(_PACKAGE / "bundled/rivals", name, "rival_file()")
+
+
 def network_exists(name: str) -> bool:
     """Tell whether a network of that name comes with the package.
 

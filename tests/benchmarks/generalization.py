@@ -53,6 +53,7 @@ def main() -> None:
     parser.add_argument("data", nargs="*", help="RGL .bsdf (default: mi_enhance/bundled/rgl/*.bsdf)")
     rivals.add_options(parser)
     parser.add_argument("--count", type=int, default=10, help="materials of each anisotropic kind (default: 10)")
+    parser.add_argument("--ours", action="store_true", help="without NBRDF, whose training takes the most time")
     parser.add_argument("-o", "--output", default="out/generalization", help="folder (default: %(default)s)")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
@@ -63,7 +64,8 @@ def main() -> None:
         print(draw.__name__, flush=True)
         rows = [row for seed in range(args.count) for row in _synthetic(args, draw(seed, args.samples), models)]
         anisotropic += [_mean(draw.__name__, rows, rival.label) for rival in models]
-    models.append(rivals.nbrdf_trained(args.seed))
+    if not args.ours:
+        models.append(rivals.nbrdf_trained(args.seed))
     samples = []
     for case in _CASES:
         print(case, flush=True)

@@ -17,11 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
-from mi_enhance import Material, fit, models
+from mi_enhance import Material, fit, fit_best, models
+from mi_enhance.analytic import parameters
 from mi_enhance.benchmark import nbrdf as models_of_others
 from mi_enhance.data import nbrdf, nps
 from mi_enhance.data.measurements import Measurements
-from mi_enhance.system.bundled_files import network_file
+from mi_enhance.system.bundled_files import DEFAULT_NETWORK, network_file
 from mi_enhance.system.files import replacing
 
 REFERENCE = "ggx"  # all ratios are to this one
@@ -79,6 +80,9 @@ def ours(args) -> list[Rival]:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         run = _run_material(Material.load(path), args)
         rivals.append(Rival(f"enhanced {path.stem}", ["network", digest, args.method, args.seed], run))
+    for size in args.own or ():
+        label, key = f"own network {size}-{size}", ["own", size, DEFAULT_NETWORK, args.seed]
+        rivals.append(Rival(label, key, _run_own(size, args)))
     if len({r.label for r in rivals}) < len(rivals):
         raise SystemExit("two networks have the same file name; rename one: the name is their label.")
     return rivals
@@ -89,6 +93,9 @@ def add_options(parser) -> None:
     parser.add_argument("--analytic", action="append", metavar="NAME", help="repeatable (default: every model)")
     parser.add_argument(
         "-m", "--network", action="append", help="shipped network or file, repeatable (default: every shipped one)"
+    )
+    parser.add_argument(
+        "--own", action="append", type=int, metavar="SIZE", help="a network of each material's own, repeatable"
     )
     parser.add_argument("--method", default="lm", choices=("lm", "rmsprop"))
     parser.add_argument("--samples", type=int, default=100_000)
@@ -145,23 +152,33 @@ def nps_authors(path) -> Rival:
     return Rival("NPs", ["nps", _digest(path)], run)
 
 
+def _run_own(size: int, args) -> Callable:
+    def run(measurements, stem):
+        path = stem.with_suffix(".bsdf")
+        if not path.exists():
+            start = Material.pretrained()
+            fit_best(start, measurements, own="always", size=size, seed=args.seed).save(path)
+        material = Material.load(path)
+        analytic = parameters.count(material.brdf.model.parameters)
+        return _ours(material, analytic + sum(c.n_weights for c in material.brdf.distilled), 0)
+
+    return run
+
+
 def _run_material(start: Material, args) -> Callable:
     def run(measurements, stem):
         path = stem.with_suffix(".bsdf")
         if not path.exists():
             fit(start, measurements, method=args.method, seed=args.seed).save(path)
         material = Material.load(path)
-        brdf = material.brdf
-        return Fitted(
-            material.evaluate,
-            material.report["seconds"],
-            brdf.n_parameters,
-            4 * brdf.n_weights,
-            material.brdf.multiply_adds,
-            material,
-        )
+        return _ours(material, material.brdf.n_parameters, 4 * material.brdf.n_weights)
 
     return run
+
+
+def _ours(material: Material, n_parameters: int, shared_bytes: int) -> Fitted:
+    seconds, madds = material.report["seconds"], material.brdf.multiply_adds
+    return Fitted(material.evaluate, seconds, n_parameters, shared_bytes, madds, material)
 
 
 def _nbrdf(network: dict, seconds: float | None, highest: float) -> Fitted:

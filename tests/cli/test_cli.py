@@ -45,6 +45,13 @@ def test_every_subcommand_explains_itself_and_takes_json(command, capsys):
     assert "--json" in capsys.readouterr().out
 
 
+def test_model_is_a_network_or_an_analytic_model_that_has_none(llvm):
+    assert arguments.model("ggx").brdf.modules  # the name of both
+    assert str(arguments.model("ggx_retro").brdf).endswith("S2 * D_retro_ggx * F_retro_schlick * G2 * 1/E2")
+    with pytest.raises(FileNotFoundError, match='"ggx_rtro.bsdf" does not come with mi_enhance'):
+        arguments.model("ggx_rtro")
+
+
 @pytest.mark.parametrize("suffix", [".exr", ".png"])
 def test_render_writes_the_image_it_reports(scene, tmp_path, capsys, suffix):
     output = tmp_path / "new folder" / f"image{suffix}"

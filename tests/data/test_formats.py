@@ -22,8 +22,9 @@ import mi_enhance  # noqa: F401  (before mitsuba: it chooses the LLVM)
 
 import mitsuba as mi  # isort: skip
 from mi_enhance import data
-from mi_enhance.data import mit, rgl, rgl_forms, spectra, utia
+from mi_enhance.data import functions, loading, mit, rgl, rgl_forms, spectra, utia
 from mi_enhance.data.directions import direction, sample_pairs
+from mi_enhance.evaluation.truth import rendered_truth
 
 
 @pytest.fixture(autouse=True)
@@ -43,6 +44,24 @@ def test_a_file_is_known_by_its_content_and_read(kind, tmp_path):
         assert np.median(np.abs(m.f / expected - 1)) < 0.02
     again = data.load(tmp_path / name, n_samples=500, kind=kind.split()[0].split("_")[0])
     assert np.array_equal(m.f, again.f)
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_the_function_of_a_file_gives_what_the_reader_gives(kind, tmp_path):
+    name, write = FILES[kind]
+    write(tmp_path / name)
+    m = data.load(tmp_path / name, n_samples=300)
+    f = functions.function_of(tmp_path / name)(m.wi, m.wo)
+    assert f.shape == m.f.shape and f.min() >= 0
+    # scattered points are planes through their neighbours, of a material that is taken for reciprocal
+    assert np.median(np.abs(f - m.f)) < (0.05 if loading.is_scattered(tmp_path / name) else 1e-5) * m.f.max()
+
+
+@pytest.mark.parametrize("kind", ["rgl_spectral", "rgl_anisotropic"])
+def test_rgl_forms_that_mitsuba_does_not_render_are_no_rendered_truth(kind, tmp_path):
+    name, write = FILES[kind]
+    write(tmp_path / name)
+    assert rendered_truth(tmp_path / name, "compare()") is None
 
 
 # ---- UTIA

@@ -41,12 +41,12 @@ function run() {
   gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
   gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target, 0);
   gl.viewport(0, 0, n, n);
-  const result = [];
-  for (const job of jobs) {
+  const vertex = `#version 300 es
+    void main() { gl_Position = vec4(4 * (gl_VertexID & 1) - 1, 2 * (gl_VertexID & 2) - 1, 0, 1); }`;
+  const programs = {}, result = [], seconds = [];
+  function compiled(text) {
     const program = gl.createProgram();
-    const vertex = `#version 300 es
-      void main() { gl_Position = vec4(4 * (gl_VertexID & 1) - 1, 2 * (gl_VertexID & 2) - 1, 0, 1); }`;
-    for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, job.source]]) {
+    for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, text]]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, source);
       gl.compileShader(shader);
@@ -55,25 +55,30 @@ function run() {
     }
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw Error(gl.getProgramInfoLog(program));
+    return program;
+  }
+  const pixels = new Float32Array(4 * n * n);
+  for (const job of jobs) {
+    const program = programs[job.source] ??= compiled(job.source);
     gl.useProgram(program);
     textures.forEach((_, unit) => gl.uniform1i(gl.getUniformLocation(program, "d" + unit), unit));
     for (const uniforms of job.uniforms) {
-      for (const [name, v] of Object.entries(uniforms)) {
-        gl.uniform4fv(gl.getUniformLocation(program, name), v);
-      }
+      for (const [name, v] of Object.entries(uniforms)) gl.uniform4fv(gl.getUniformLocation(program, name), v);
+      const start = performance.now();
       gl.drawArrays(gl.TRIANGLES, 0, 3);
-      const pixels = new Float32Array(4 * n * n);
       gl.readPixels(0, 0, n, n, gl.RGBA, gl.FLOAT, pixels);
+      seconds.push((performance.now() - start) / 1000);
+      if (!WANTED) continue;
       const bytes = new Uint8Array(pixels.buffer);
       let text = "";
       for (let k = 0; k < bytes.length; k += 4096) text += String.fromCharCode(...bytes.subarray(k, k + 4096));
       result.push(btoa(text));
     }
   }
-  return result;
+  return {result, seconds};
 }
 let report;
-try { report = {result: run()}; } catch (error) { report = {error: String(error)}; }
+try { report = run(); } catch (error) { report = {error: String(error)}; }
 document.getElementById("result").textContent = JSON.stringify(report);
 </script>"""
 
@@ -102,6 +107,16 @@ def run(jobs: list[dict], a: np.ndarray, b: np.ndarray, timeout: float = 120) ->
 
     Returns an array (draws, N, 4), float32.
     """
+    drawn = _report(jobs, a, b, timeout, wanted=True)["result"]
+    return np.array([np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 4)[: len(a)] for text in drawn])
+
+
+def seconds(jobs: list[dict], a: np.ndarray, b: np.ndarray, timeout: float = 600) -> list[float]:
+    """The time of every draw of :func:`run`; a source is compiled at its first, which counts."""
+    return _report(jobs, a, b, timeout, wanted=False)["seconds"]
+
+
+def _report(jobs: list[dict], a: np.ndarray, b: np.ndarray, timeout: float, *, wanted: bool) -> dict:
     n = int(np.ceil(np.sqrt(len(a))))
     texels = []
     for rows in (a, b):
@@ -109,12 +124,11 @@ def run(jobs: list[dict], a: np.ndarray, b: np.ndarray, timeout: float = 120) ->
         texel[: len(rows), :3] = rows
         texels.append(base64.b64encode(texel.tobytes()).decode())
     page = _PAGE.replace("DIRECTIONS", json.dumps({"size": n, "data": texels})).replace("JOBS", json.dumps(jobs), 1)
-    dom = dump(page, timeout)
+    dom = dump(page.replace("WANTED", json.dumps(wanted)), timeout)
     report = json.loads(dom.partition('<pre id="result">')[2].partition("</pre>")[0].replace("&gt;", ">"))
     if "error" in report:
         raise AssertionError(report["error"])
-    drawn = [np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 4)[: len(a)] for text in report["result"]]
-    return np.array(drawn)
+    return report
 
 
 def dump(page: str, timeout: float = 120) -> str:
