@@ -33,8 +33,8 @@ class Trunk:
 
     Examples
     --------
-    >>> rng = np.random.default_rng(0)
-    >>> trunk = Trunk(("B", "G"), mlp.xavier((10 + 5, 32, 32, 64), 5, rng))
+    >>> from mi_enhance.neural.mlp import xavier
+    >>> trunk = Trunk(("B", "G"), xavier((10 + 5, 32, 32, 64), 5, np.random.default_rng(0)))
     >>> trunk.n_units, trunk.size
     (64, 390)
     """

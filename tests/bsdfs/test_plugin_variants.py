@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -10,7 +12,7 @@ from plugin_scenes import SUMMATION, VALUES, ball, bitmap, material, scene
 
 import mi_enhance
 from mi_enhance.material.material import Material
-from mi_enhance.neural.enhance import enhance
+from mi_enhance.neural.enhance import enhance, with_trunk
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 # Relative, of a mean over the ball: colours are products of spectra in one variant and of RGB in the other, and
@@ -68,10 +70,26 @@ def test_variants_may_be_switched_back_and_forth(llvm):
 
 
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
-def test_networks_that_give_rgb_are_refused_elsewhere(llvm, variant):
+def test_factors_in_rgb_reach_every_variant(llvm, variant):
+    """A grey material with a grey factor is as bright as in RGB; with a red one red wavelengths are brighter."""
+    brdf = with_trunk("ggx2", hidden=(4, 4, 4))
+    read = np.zeros((9, 5))
+    read[:3, -1] = np.log(0.5)  # of the diffuse term
+    grey = Material(brdf, {"rho_d": 0.6, "rho_s": 0, "read_out": read.ravel()})
+    read[:3, -1] = np.log([0.8, 0.4, 0.2])
+    red = dataclasses.replace(grey, params={**grey.params, "read_out": read.ravel()})
     mi.set_variant(variant)
-    with pytest.raises(RuntimeError, match=rf'networks for M, S give RGB, which variant "{variant}" does not render'):
-        Material(enhance("ggx", ["M", "S", "F"]), {}).bsdf()
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.wi = mi.Vector3f(0, 0, 1)
+    if variant == "llvm_ad_spectral":
+        si.wavelengths = type(si.wavelengths)(611, 549, 465, 580)
+    f = [np.array(m.bsdf().eval(mi.BSDFContext(), si, mi.Vector3f(0, 0.6, 0.8))).ravel() for m in (grey, red)]
+    np.testing.assert_allclose(f[0], 0.6 * 0.5 / np.pi * 0.8, rtol=0.02)
+    if variant == "llvm_ad_spectral":
+        np.testing.assert_allclose(f[1][:3] / f[0][:3], [1.6, 0.8, 0.4], rtol=0.02)
+    else:
+        luminance = np.array([0.2126, 0.7152, 0.0722]) @ [0.8, 0.4, 0.2]
+        np.testing.assert_allclose(f[1] / f[0], luminance / 0.5, rtol=0.02)
 
 
 def test_scalar_variant_is_refused_with_what_to_do(llvm):

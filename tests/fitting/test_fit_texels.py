@@ -10,7 +10,7 @@ from mi_enhance.data.directions import sample_pairs
 from mi_enhance.fitting import multistart
 from mi_enhance.fitting.analytic_fit import fit_analytic
 from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
-from mi_enhance.fitting.objective import stacked
+from mi_enhance.fitting.problems import stacked
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
 from mi_enhance.numerics import levenberg_marquardt

@@ -219,7 +219,7 @@ def test_gradients_of_a_step_are_those_of_the_loss(llvm, tmp_path):
     """Against the twin: a small step against the gradient lowers the loss as much as the gradient says."""
     trainer = train({**CONFIG, "steps": 1}, tmp_path / "run")
     loss, weights, _ = trainer.gradients()
-    rows = np.array([np.array(row) for row in trainer._data])[:, np.array(trainer._indices())]
+    rows = np.array([np.array(row) for row in trainer._data])[:, np.array(trainer._indices(trainer.step))]
     wi, wo, f = rows[:3].T, rows[3:6].T, rows[6:].T.astype(np.float64)
     values = trainer.parameters()
     p, offset = {}, 0
