@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..system.bundled_files import DEFAULT_NETWORK
+from ..system.progress import Callback
 from . import arguments
 from .outputs import made, output_file, output_folder
 from .progress_bar import progress_bar
+from .progress_lines import progress_lines
 from .scene_file import load_scene, refuse_inputs
+
+if TYPE_CHECKING:
+    from ..material.material import Material
 
 
 def add(subparsers: arguments.Subparsers) -> None:
-    text = "fit the enhanced materials of a scene to photographs of it"
+    text = "fit the enhanced materials of a scene to photographs of it; a run that was killed goes on where it was"
     p = arguments.command(subparsers, "fit-images", text, run)
     p.add_argument("scene", metavar="SCENE.xml", help="geometry and light; its parameter $material gets the model")
     p.add_argument("views", metavar="VIEWS", help="folder with transforms.json, or that file (docs/images.md)")
@@ -27,6 +35,7 @@ def add(subparsers: arguments.Subparsers) -> None:
     arguments.add_variant(p)
     arguments.add_output_file(p, "MAT.bsdf", "the material; several: MAT_<id>.bsdf each")
     p.add_argument("--light-scale", action="store_true", help="the brightness of the light is unknown, too")
+    p.add_argument("--exposures", action="store_true", help="the exposure of each photograph is unknown, too")
     p.add_argument("--unknown", metavar="NAME", action="append", help="parameter that is sought (default: all)")
     p.add_argument(
         "--stage",
@@ -35,8 +44,12 @@ def add(subparsers: arguments.Subparsers) -> None:
         type=_stage,
         action="append",
         help="images at 1/FACTOR of their size, samples per pixel, iterations; repeat, coarse to fine "
-        "(default: 2,8,80 and 1,16,120)",
+        "(default: 2,16,150 and 1,16,250)",
     )
+    p.add_argument(
+        "--pixels", type=arguments.positive, help="random pixels of all photographs in an iteration (default: 4096)"
+    )
+    p.add_argument("--restart", action="store_true", help="begin anew where a run that was killed could go on")
     p.add_argument(
         "--max-depth", type=int, default=6, help="longest path; a photograph has them all (default: %(default)s)"
     )
@@ -56,28 +69,40 @@ def run(args: argparse.Namespace) -> dict:
             pages.check(name)  # a photograph of that name is found before the fit, not after it
     mi = arguments.set_variant(args.variant)
     from ..images import fit_images, pictures, scene_materials
-    from ..images.view_files import read_views
+    from ..images.view_files import ViewFiles
 
     scene = load_scene(mi, args.scene, f'fit-images "{args.scene}"', args.define, material=model)
     outputs = _outputs(output, scene_materials.find(mi.traverse(scene)))
     for path in outputs.values():
         output_file(path, (".bsdf",), inputs)
     refuse_inputs(mi, args.scene, args.define, outputs.values())
-    views = read_views(args.views)
-    with progress_bar(f"fit {len(views)} views", quiet=args.json) as progress:
+    views, state = ViewFiles(args.views), made(output.with_name(f"{output.stem}.run.npz"))
+    if args.restart:
+        state.unlink(missing_ok=True)
+
+    def keep(materials: Mapping[str, Material]) -> None:
+        for name, material in materials.items():
+            material.save(made(outputs[name]))
+
+    with _progress(f"fit {len(views)} views", args.json) as progress:
         found = fit_images.fit_images(
             scene,
             views,
             unknowns=args.unknown,
             light_scale=args.light_scale,
+            exposures=args.exposures,
             stages=args.stages or fit_images.STAGES,
+            pixels=args.pixels or fit_images.PIXELS,
             max_depth=args.max_depth,
             seed=args.seed,
+            checkpoint=state,
+            keep=keep,
             progress=progress,
             preview=preview,
         )
+    keep(found.materials)
+    state.unlink(missing_ok=True)
     for name, material in found.materials.items():
-        material.save(made(outputs[name]))
         print(f"{material.show()}\n{outputs[name]}")
     if pages:
         with pages.replacing("views.png") as temporary:
@@ -89,6 +114,13 @@ def run(args: argparse.Namespace) -> dict:
     for row in found.report["views"]:
         print(f"{row['name']} ({row['split']}): mean abs log difference {row['mean_abs_log']:.4f}")
     return {**found.report, "curve": found.curve, "outputs": [str(outputs[name]) for name in found.materials]}
+
+
+def _progress(title: str, is_json: bool) -> contextlib.AbstractContextManager[Callback]:
+    """A bar for an eye, lines for everything else."""
+    if sys.stderr.isatty() and not is_json:
+        return progress_bar(title)
+    return contextlib.nullcontext(progress_lines(title))
 
 
 def _outputs(output: Path, names: Iterable[str]) -> dict[str, Path]:

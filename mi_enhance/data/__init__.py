@@ -9,7 +9,17 @@ from ..system.modules import submodules
 from .functions import function_of
 from .loading import load, names, save_table
 from .measurements import Measurements, clamp_negative
+from .photometric_samples import photometric, photometric_texels
 
-__all__ = ["Measurements", "clamp_negative", "function_of", "load", "names", "save_table"]
+__all__ = [
+    "Measurements",
+    "clamp_negative",
+    "function_of",
+    "load",
+    "names",
+    "photometric",
+    "photometric_texels",
+    "save_table",
+]
 
 __getattr__ = submodules(__name__)

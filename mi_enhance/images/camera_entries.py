@@ -56,8 +56,8 @@ _REFUSED = {
 _CAMERA = ("fl_x", "fl_y", "x_fov", "y_fov", "camera_angle_x", "camera_angle_y", "cx", "cy", "w", "h", "camera_model")
 # Honoured by view_files.py.
 _READ = (
-    "frames", "file_path", "transform_matrix", "mask_path", "split", "ceiling", "train_filenames", "val_filenames",
-    "test_filenames",
+    "frames", "file_path", "transform_matrix", "mask_path", "split", "ceiling", "light", "exposure_factor",
+    "train_filenames", "val_filenames", "test_filenames",
 )  # fmt: skip
 # About other things than the picture: settings of a training, depth, names, how the poses came to be.
 _HARMLESS = """
@@ -152,7 +152,8 @@ def check_same_for_all(all_entries: list[Entries], where: str) -> None:
         if len(values) > 1:
             raise ValueError(
                 f"{where}: {name} differs between frames ({', '.join(sorted(values)[:3])}), which is not "
-                "modelled. Bring the images to one brightness and colour, and leave it out."
+                "modelled. Bring the images to one brightness and colour, or say by exposure_factor how many times "
+                "as bright each is, and leave it out."
             )
 
 

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 import mitsuba as mi
 import numpy as np
 
+from .lit_scene import with_lights
+from .targets import targets
 from .views import View
 
 
@@ -67,7 +69,7 @@ def render_views(scene: mi.Scene, views: Sequence[View], *, spp: int = 64, seed:
     ----------
     scene : mi.Scene
     views : sequence of View
-        Whose cameras are used.
+        Whose cameras are used, and their lights, beside those of the scene.
     spp, seed, max_depth : int
         Samples per pixel, seed of the first view, longest path.
 
@@ -77,9 +79,13 @@ def render_views(scene: mi.Scene, views: Sequence[View], *, spp: int = 64, seed:
         Unsaturated, everything else as it was.
     """
     path = mi.load_dict({"type": "path", "max_depth": max_depth})
+    lights = [view.light.in_world(view.to_world) if view.light else None for view in views]
+    scene = with_lights(scene, lights)
     result = []
     for k, view in enumerate(views):
-        sensor = mi.load_dict(view.sensor())
+        # only the camera that knows the number of its photograph finds its light
+        whole = dataclasses.replace(view, mask=np.ones_like(view.mask))
+        sensor = targets([whole], 1, {view.name: k})[0].sensor if lights[k] else mi.load_dict(view.sensor())
         image = np.array(
             mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=mi.UInt32(seed + k)), np.float32
         )

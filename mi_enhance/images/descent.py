@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from drjit.opt import Adam
 
 from ..system.garbage_collection import no_collection
+from .adam import Adam
 from .image_loss import Measure
+from .mitsuba_plugins import evaluated
 from .scene_materials import get, put
 from .targets import Target
 from .unknowns import Unknown
 
 _LARGEST = 1e15  # of a derivative: Adam's square of it must stay within float32; a path that says more is an accident
-_MEMORY = 8  # renders whose mean is what the scene looks like: fewer are noisy, more are old
+# A gradient costs as much as several renders, and needs fewer samples: its noise is averaged by Adam, that of a render
+# decides how well the loss is weighed.
+_GRADIENT_SHARE = 4
 
 
 class Descent:
@@ -31,6 +34,11 @@ class Descent:
         If given, a factor of all that is rendered is sought, too.
     measure : Measure
     max_depth, seed : int
+    exposures : Unknown, optional
+        If given, a factor of each photograph is sought, too. Their geometric mean is 1: the rest is the light's, or the
+        material's.
+    fitted : array of bool, optional
+        Which photographs, by number, are fitted: those whose factors move. One if left out.
     """
 
     def __init__(
@@ -41,8 +49,11 @@ class Descent:
         measure: Measure,
         max_depth: int,
         seed: int,
+        exposures: Unknown | None = None,
+        fitted: np.ndarray | None = None,
     ):
         self.scene, self.unknowns, self.light, self.measure = scene, tuple(unknowns), light, measure
+        self.exposures, self.fitted = exposures, np.ones(1, bool) if fitted is None else fitted
         self.params = mi.traverse(scene)
         self.curve: list[dict] = []  # step, seconds, loss
         self.nonfinite = 0  # components of gradients that were set to 0
@@ -52,11 +63,14 @@ class Descent:
         self._path = mi.load_dict({"type": "path", "max_depth": max_depth})
         self._seed = 1000 * seed
         values = {u.key: get(self.params, u.key) for u in self.unknowns}
-        # Frozen: tracing a scene with networks takes longer than running it. Gradients of textures would get lost.
-        is_textured = any(isinstance(self.params[u.key], mi.TensorXf) for u in self.unknowns)
-        self._backward = self._trace_backward if is_textured else dr.freeze(self._trace_backward)
-        self._primal = dr.freeze(lambda scene, *rest: self._trace_primal(scene, *rest))
-        self.put(values | ({light.key: np.ones(1)} if light else {}))
+        # Gradients of textures would get lost in a frozen function.
+        self._is_textured = any(isinstance(self.params[u.key], mi.TensorXf) for u in self.unknowns)
+        self._frozen: dict[tuple, Callable] = {}
+        if light:
+            values[light.key] = np.ones(1)
+        if exposures:
+            values[exposures.key] = np.ones(len(self.fitted))
+        self.put(values)
 
     # ------------------------------------------------------------------ values
 
@@ -71,27 +85,43 @@ class Descent:
             else:
                 put(self.params, key, value)
         self._moved = moved
-        # by id: the target, how many renders, and their mean, the last ones counting most
-        self._seen: dict[int, tuple[Target, int, np.ndarray]] = {}
-        self._adam = Adam(lr=1e-3, params={key: mi.Float(v.astype(np.float32)) for key, v in moved.items()})
+        self._adam = Adam()
         self._update(attach=False)
 
     def values(self) -> dict[str, np.ndarray]:
         """All unknowns, physical and flat."""
         return {u.key: u.space.to_physical(self._moved[u.key]) for u in self._all()}
 
-    def _all(self) -> tuple[Unknown, ...]:
-        return (*self.unknowns, self.light) if self.light else self.unknowns
+    def state(self) -> dict[str, dict[str, np.ndarray]]:
+        """Return what :meth:`restore` goes on from: arrays by key of the unknowns, and counts."""
+        counts = np.array([self._seed, self.nonfinite, self.nonfinite_pixels])
+        return {"moved": dict(self._moved), "adam": dict(self._adam.state), "counts": {"": counts}}
 
-    def _update(self, attach: bool) -> tuple[dict, mi.Float]:
-        """Hand the values to the scene; return those that gradients arrive at, and the factor of the light."""
+    def restore(self, state: Mapping[str, Mapping[str, np.ndarray]]) -> None:
+        """Go on where another descent in the same scene was."""
+        self._seed, self.nonfinite, self.nonfinite_pixels = (int(n) for n in state["counts"][""])
+        self._moved, self._adam = dict(state["moved"]), Adam(state["adam"])
+        self._update(attach=False)
+
+    def _all(self) -> tuple[Unknown, ...]:
+        return (*self.unknowns, *(u for u in (self.light, self.exposures) if u))
+
+    def _update(self, attach: bool) -> dict:
+        """Hand the values to the scene; return those that gradients arrive at, by key."""
         self._hand_over(self.values(), attach)
-        light = dr.opaque(
-            mi.Float, float(self.light.space.to_physical(self._moved[self.light.key])[0]) if self.light else 1.0
-        )
-        if attach and self.light:
-            dr.enable_grad(light)
-        return {u.key: self.params[u.key] for u in self.unknowns}, light
+        values = {u.key: self.params[u.key] for u in self.unknowns}
+        return values | self._factors(attach)
+
+    def _factors(self, attach: bool = False) -> dict[str, mi.Float]:
+        """The brightness of all light and of each photograph, 1 where it is not sought."""
+        values, sizes = self.values(), (1, len(self.fitted))
+        factors = {
+            key: evaluated(values[key] if key in values else np.ones(size))
+            for key, size in zip(self._factor_keys, sizes, strict=True)
+        }
+        if attach:
+            dr.enable_grad([factor for key, factor in factors.items() if key in values])
+        return factors
 
     def _hand_over(self, values: Mapping[str, np.ndarray], attach: bool = False) -> None:
         for u in self.unknowns:
@@ -115,22 +145,51 @@ class Descent:
                 return self.render(target, spp, seed)
             finally:
                 self._hand_over(self.values())
-        light = dr.opaque(mi.Float, float(self.values()[self.light.key][0]) if self.light else 1.0)
         with no_collection():
-            return np.array(self._primal(self.scene, target.sensor, light, dr.opaque(mi.UInt32, seed), spp))
+            factors = tuple(self._factors().values())
+            return np.array(
+                self._compiled(self._trace_primal, target.image.shape, spp)(
+                    self.scene, target.sensor, target.number, factors, dr.opaque(mi.UInt32, seed), spp
+                )
+            )
 
-    def _trace_primal(self, scene, sensor, light, seed, spp: int):
+    def _compiled(self, function: Callable, shape: tuple[int, ...], spp: int) -> Callable:
+        """Return a function that is traced once: tracing a scene with networks takes longer than running it.
+
+        One for each size. ``dr.freeze`` does not see that of a film, and would replay what it has recorded for another.
+        """
+        key = function.__name__, shape, spp
+        if key not in self._frozen:
+            self._frozen[key] = dr.freeze(function)
+        return self._frozen[key]
+
+    def _backward(self, *arguments):
+        if self._is_textured:
+            return self._trace_backward(*arguments)
+        return self._compiled(self._trace_backward, arguments[3].shape, arguments[-1])(*arguments)
+
+    def _trace_primal(self, scene, sensor, number, factors, seed, spp: int):
         with dr.suspend_grad():
-            return light * mi.render(scene, sensor=sensor, integrator=self._path, spp=spp, seed=seed)
+            image = mi.render(scene, sensor=sensor, integrator=self._path, spp=spp, seed=seed)
+            return _brightness(factors, number, image.shape) * image
 
-    def _trace_backward(self, scene, values, sensor, image, weight, saturated, seen, light, seed, spp: int):
-        # values and light are arguments although the scene knows them: gradients arrive there
-        target = Target([], sensor, image, weight, saturated)
-        # prb draws other random numbers for the gradient than for the image; the light's gradient is that of `seen`
-        image = mi.render(scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, seed=seed)
-        rendered = dr.detach(light) * image + (light / dr.detach(light) - 1) * seen
+    def _trace_backward(self, scene, values, sensor, image, weight, saturated, number, seen, seed, spp: int):
+        # values are an argument although the scene knows them: gradients arrive there
+        target = Target([], sensor, image, weight, saturated, number)
+        factors = tuple(values[key] for key in self._factor_keys)  # by key: `dr.freeze` sorts them
+        # prb draws other random numbers for the gradient than for the image; that of a factor is that of `seen`
+        few = max(1, spp // _GRADIENT_SHARE)
+        image = mi.render(
+            scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, spp_grad=few, seed=seed
+        )
+        factor = _brightness(factors, number, image.shape)
+        rendered = dr.detach(factor) * image + (factor / dr.detach(factor) - 1) * seen
         dr.backward(self.measure.pull(rendered, seen, target))
         return dr.detach(rendered)
+
+    @property
+    def _factor_keys(self) -> tuple[str, str]:
+        return self.light.key if self.light else "light", self.exposures.key if self.exposures else "exposures"
 
     def _finite(self, image: np.ndarray, instead) -> np.ndarray:
         """The image without values that are not finite, which are counted."""
@@ -138,18 +197,17 @@ class Descent:
         self.nonfinite_pixels += int((~finite).sum())
         return np.where(finite, image, instead).astype(np.float32)
 
-    def _next_seed(self):
+    def _next_seed(self) -> int:
         self._seed += 1
-        return dr.opaque(mi.UInt32, self._seed)
+        return self._seed
 
     # ------------------------------------------------------------------ steps
 
     def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> np.ndarray:
-        """Take a step against the gradient; return the mean of the last renders, whose loss is in the curve."""
-        if id(target) not in self._seen:
-            self._seen[id(target)] = (target, 1, self._finite(self.render(target, spp, self._seed), 0))
-        _, n, seen = self._seen[id(target)]
-        values, light = self._update(attach=True)
+        """Take a step against the gradient; return the mean of two renders, whose loss is in the curve."""
+        # independent of the render whose difference is squared: what weighs a pixel must not know its noise
+        seen = self._finite(self.render(target, spp, self._next_seed()), np.array(target.image))
+        values = self._update(attach=True)
         with no_collection():
             image = self._backward(
                 self.scene,
@@ -158,34 +216,39 @@ class Descent:
                 target.image,
                 target.weight,
                 target.saturated,
-                mi.TensorXf(seen),
-                light,
-                self._next_seed(),
+                target.number,
+                mi.TensorXf(evaluated(seen), seen.shape),
+                dr.opaque(mi.UInt32, self._next_seed()),
                 spp,
             )
-        seen = seen + (self._finite(np.array(image), seen) - seen) / min(n + 1, _MEMORY)
-        self._seen[id(target)] = (target, n + 1, seen)
-        self._adam.set_learning_rate(rate)
+        seen = (seen + self._finite(np.array(image), seen)) / 2
         for u in self._all():
-            gradient = np.array(dr.grad(light if u is self.light else values[u.key]), np.float64).ravel()
-            moved = self._moved[u.key]
-            if hold_late and u.is_late:
-                gradient = np.zeros_like(moved)
-            with np.errstate(invalid="ignore"):  # infinity times 0 is NaN, which is left out below
-                slope = gradient * u.space.slope(moved)
-            usable = np.abs(slope) < _LARGEST  # false for NaN, too
-            self.nonfinite += int((~usable).sum())
-            dr.set_grad(self._adam[u.key], mi.Float(np.where(usable, slope, 0).astype(np.float32)))
-        self._adam.step()
-        for u in self._all():
-            low, high = u.space.bounds
-            self._adam[u.key] = dr.clip(dr.detach(self._adam[u.key]), low, high)
-            self._moved[u.key] = np.array(dr.detach(self._adam[u.key]), np.float64)
+            self._move(u, np.array(dr.grad(values[u.key]), np.float64).ravel(), rate, hold_late and u.is_late)
         seconds = time.perf_counter() - self.start
         loss = self.measure.loss(seen, target)
         self.curve.append({"step": len(self.curve) + 1, "seconds": seconds, "loss": loss})
         return seen
 
+    def _move(self, u: Unknown, gradient: np.ndarray, rate: float, is_held: bool) -> None:
+        moved = self._moved[u.key]
+        if is_held:
+            gradient = np.zeros_like(moved)
+        with np.errstate(invalid="ignore"):  # infinity times 0 is NaN, which is left out below
+            slope = gradient * u.space.slope(moved)
+        usable = np.abs(slope) < _LARGEST  # false for NaN, too
+        self.nonfinite += int((~usable).sum())
+        moved = np.clip(self._adam.step(u.key, moved, np.where(usable, slope, 0), rate), *u.space.bounds)
+        if u is self.exposures:
+            moved = np.where(self.fitted, moved - moved[self.fitted].mean(), moved)
+        self._moved[u.key] = moved
+
     def settle(self) -> None:
         """Hand the values of the last step to the scene, without gradients."""
         self._update(attach=False)
+
+
+def _brightness(factors: Sequence[mi.Float], number: mi.UInt32, shape: tuple[int, ...]) -> mi.TensorXf:
+    """Return what the values of a render are to be multiplied by."""
+    light, exposures = factors
+    own = dr.gather(mi.Float, exposures, dr.minimum(number, dr.width(exposures) - 1))
+    return mi.TensorXf(light * own, shape)

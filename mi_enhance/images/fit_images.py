@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import mitsuba as mi
@@ -13,31 +13,35 @@ import numpy as np
 from ..analytic.parameters import Parameter
 from ..material.colour_normalization import plain
 from ..material.material import Material
-from ..numerics.schedules import cosine_decay
 from ..system.checks import positive_int
+from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
-from . import image_loss, pictures, visibility
-from . import targets as targets_module
+from . import image_loss, pictures, targets, visibility
 from . import unknowns as unknown_parameters
 from .descent import Descent
+from .lit_scene import with_lights
 from .own_files import OwnFiles
-from .result import RECENT, ImageFit, result
+from .result import ImageFit, materials_of, result
 from .scene_materials import SceneMaterial, find
+from .schedule import TRIAL, Schedule, stable_names
 from .starts import candidates, with_best_colours
+from .survey import survey
 from .targets import Target
 from .unknowns import Unknown
 from .views import View
 
 # Size of the images as 1 / factor, samples per pixel, iterations: coarse to fine.
-STAGES = ((2, 8, 80), (1, 16, 120))
-_SURVIVORS, _TRIAL = 3, 25  # starts that go down a way, and how far, before the best is taken
-_START_SIZE, _START_SPP = 24, 16  # pixels on a side at which starts are compared
-_LATE = 0.2  # of the first stage's iterations without the latent numbers
+STAGES = ((2, 16, 150), (1, 16, 250))
+PIXELS = 4096  # of an iteration
+_SURVIVORS = 3  # starts that go down a way
+_START_SPP = 8  # samples per pixel when starts are compared
 PREVIEW = 20  # iterations from one preview to the next
+_PREVIEW_SHARE = 20.0  # at most a twentieth of the time
+_SHOWN_SPP = 8
 _PICTURE = "step_{:04d}.png"
-_LAST_RATE = 0.05  # learning rate at the end, as a share of that at the start
 LIGHT = Parameter("light_scale", 1, 1e-3, 1e3, 1.0, log=True)
+EXPOSURE = Parameter("exposure_factors", 1, 1 / 16, 16.0, 1.0, log=True)
 
 
 def fit_images(
@@ -52,7 +56,11 @@ def fit_images(
     stages: Sequence[tuple[int, int, int]] = STAGES,
     lr: float = 0.05,
     max_depth: int = 6,
+    pixels: int = PIXELS,
+    exposures: bool = False,
     seed: int = 0,
+    checkpoint: str | Path | None = None,
+    keep: Callable[[Mapping[str, Material]], None] | None = None,
     progress: Callback = silent,
     preview: str | Path | None = None,
 ) -> ImageFit:
@@ -67,7 +75,9 @@ def fit_images(
     scene : mi.Scene
         Geometry and light as they are, with at least one BSDF of type ``enhanced``, or other `unknowns`.
     views : sequence of View
-        Those of split "train" are fitted, the others only reported.
+        Those of split "train" are fitted, the others only reported. Each is asked for twice, one at a time, so that a
+        sequence that reads files (:class:`mi_enhance.images.view_files.ViewFiles`) never holds two in memory. A view
+        with a `light` is lit by it, beside the scene's own lights.
     materials : dict of str to Material, optional
         By id of the BSDF (what its keys in ``mi.traverse(scene)`` begin with, where it has none or shares it), what the
         scene was loaded with; needed only for the library of starts of a network that came from memory.
@@ -81,15 +91,27 @@ def fit_images(
     loss : {"log", "relative"}
         See :class:`mi_enhance.images.image_loss.Measure`.
     stages : sequence of (int, int, int)
-        For each: 1 / size of the images, samples per pixel, iterations.
+        For each: 1 / size of the images, samples per pixel, iterations. Gradients have a quarter of the samples.
     lr : float
         Learning rate in the space in which the parameters move; falls like a cosine.
     max_depth : int
         Longest path. A photograph has them all, and the material makes up for those that are missing: in a white room
         a fit at depth 4 came out 6 % too bright.
+    pixels : int
+        Random pixels of all photographs that an iteration renders: its time and memory depend on them, not on the
+        size or number of the photographs.
+    exposures : bool
+        Whether a factor of each photograph is sought, too, with a geometric mean of 1: for photographs whose exposures
+        are not known well.
     seed : int
+    checkpoint : str or Path, optional
+        ``.npz`` file that keeps the state of the run, about every 20 seconds. A call with the same settings goes on
+        from it. It is the caller's to remove.
+    keep : callable, optional
+        ``keep(materials)``, called when the state is kept and the material is the best so far.
     progress : callable, optional
-        Called after every iteration, with the ``loss`` among its values.
+        Called after every iteration, with the ``loss`` and the seconds ``left`` among its values; before them, while
+        photographs are read and starts compared, without.
     preview : str or Path, optional
         Folder for pictures of photographs over renders, one every few iterations. Files of others are not replaced.
 
@@ -100,8 +122,9 @@ def fit_images(
     Raises
     ------
     ValueError
-        For a scene without unknowns, unknown names, no view to fit, settings out of range, or photographs that do not
-        see what is sought. Single views that do not are told in a warning.
+        For a scene without unknowns or light, unknown names, no view to fit, views with and without a light of their
+        own, settings out of range, or photographs that do not see what is sought. Single views that do not are told in
+        a warning.
     RuntimeError
         If no RGB variant with gradients is active.
 
@@ -119,61 +142,61 @@ def fit_images(
     """
     start = time.perf_counter()
     require_rgb("fit_images()")
-    train, stages = _checked(views, stages, lr, max_depth)
+    stages = _checked(stages, lr, max_depth)
+    pixels = positive_int(pixels, "pixels", "fit_images()")
     folder = _pictures_folder(preview)
-    scale = image_loss.brightness(train)
     if loss not in image_loss.LOSSES:
         raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(image_loss.LOSSES)}.')
-    measure = image_loss.Measure(loss, scale)
     sought = _unknowns(scene, unknowns)
     placed = find(mi.traverse(scene), materials)
-    light = Unknown("light_scale", LIGHT) if light_scale else None
-    descent = Descent(scene, sought, light, measure, max_depth, seed)
-    small = _small(train)
-    for text in visibility.warnings_of(descent, placed, small, seed):
-        warnings.warn(text, stacklevel=2)
-
-    def go(stage: str, targets: Sequence[Target], spp: int, rates: Sequence[float], late: int = 0) -> None:
-        for k, rate in enumerate(rates):
-            target = targets[k % len(targets)]
-            image = descent.step(target, spp, rate, hold_late=k < late)
-            step, value = descent.curve[-1]["step"], descent.curve[-1]["loss"]
-            progress(Progress(stage, k + 1, len(rates), {"loss": value}))
-            if folder and (step - 1) % PREVIEW == 0:
-                with folder.replacing(_PICTURE.format(step)) as temporary:
-                    pictures.preview(target, image, temporary)
-
-    targets = targets_module.targets(train, stages[0][0])
-    ways = _starts(descent, placed, small, scale, starts, seed)
-    ends = []
-    for k, way in enumerate(ways if len(ways) > 1 else ()):
-        descent.put(way)
-        go(f"start {k + 1} of {len(ways)}", targets, stages[0][1], [lr] * _TRIAL)
-        recent = [row["loss"] for row in descent.curve[-RECENT:]]
-        ends.append((float(np.mean(recent)), {**way, **descent.values()}))
-    descent.put(min(ends, key=lambda end: end[0])[1] if ends else ways[0])
-    n = sum(steps for *_, steps in stages)
-    rates = [lr * cosine_decay(k, n, low=_LAST_RATE) for k in range(n)]
-    for k, (factor, spp, steps) in enumerate(stages):
-        targets = targets if k == 0 else targets_module.targets(train, factor)
-        own, rates = rates[:steps], rates[steps:]
-        go(f"stage {k + 1} of {len(stages)}", targets, spp, own, round(_LATE * steps) if k == 0 else 0)
-    descent.settle()
+    progress(Progress("read photographs", 0, len(views)))
+    book = survey(views, stages, pixels, 2 * _SURVIVORS * TRIAL, seed)
+    lit = with_lights(scene, book.lights)
+    _check_lit(lit)
+    descent = Descent(
+        lit,
+        sought,
+        Unknown("light_scale", LIGHT) if light_scale else None,
+        image_loss.Measure(loss, book.scale),
+        max_depth,
+        seed,
+        Unknown("exposure_factors", EXPOSURE) if exposures else None,
+        book.fitted,
+    )
+    names = list(book.numbers)
     settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": int(max_depth), "seed": seed}
-    return result(descent, placed, views, visibility.undetermined(descent, small, seed), settings, start)
+    settings |= {"pixels": pixels, "exposures": exposures}
+    begins = digest(*(descent.values()[u.key].tobytes() for u in sought))
+    places = [stable_names(descent)[u.key] for u in sought]
+    same = {**settings, "views": names, "light_scale": light_scale, "unknowns": places, "start": begins}
+    schedule = Schedule(descent, book, stages, lr, same, Path(checkpoint) if checkpoint else None)
+    if not schedule.resume():
+        for text in visibility.warnings_of(descent, placed, book.looks, names, seed):
+            warnings.warn(text, stacklevel=2)
+        progress(Progress("compare starts", 0))
+        schedule.ways = _starts(descent, placed, book.looks[:1], starts, seed)
+    shown = targets.targets(book.shown, 1, book.numbers) if folder else []
+    next_preview = 0.0
+
+    def draw(step: int) -> None:
+        nonlocal next_preview
+        begun = time.perf_counter()
+        if folder and ((step - 1) % PREVIEW == 0 and begun > next_preview):
+            with folder.replacing(_PICTURE.format(step)) as temporary:
+                pictures.preview(shown[0], descent.render(shown[0], _SHOWN_SPP, seed), temporary)
+            next_preview = time.perf_counter() + _PREVIEW_SHARE * (time.perf_counter() - begun)
+
+    def kept() -> None:
+        if keep:
+            keep(materials_of(descent, placed, {}))
+
+    schedule.run(progress, draw, kept)
+    found = visibility.undetermined(descent, book.looks[:1], seed)
+    return result(descent, placed, views, book, found, settings, start)
 
 
-def _checked(views: Sequence[View], stages, lr: float, max_depth: int) -> tuple[list[View], list[tuple[int, int, int]]]:
-    """Return the views to fit, and the stages as integers; everything is looked at before anything is rendered."""
-    train = [v for v in views if v.split == "train"]
-    if not train:
-        raise ValueError(f'fit_images(): none of the {len(views)} views has split "train". At least one is needed.')
-    names = [v.name for v in views]
-    if len(set(names)) < len(names):
-        raise ValueError("fit_images(): two views have the same name. Rename one.")
-    for view in views:
-        if not np.isfinite(view.image).all():  # under the mask anything has become 0
-            raise ValueError(f'fit_images(): view "{view.name}" holds NaN or infinity where it counts. Mask it there.')
+def _checked(stages, lr: float, max_depth: int) -> list[tuple[int, int, int]]:
+    """Return the stages as integers; everything is looked at before anything is rendered."""
     where = "fit_images(), stages (1 / size, samples per pixel, iterations)"
     checked = []
     for stage in stages:
@@ -187,7 +210,15 @@ def _checked(views: Sequence[View], stages, lr: float, max_depth: int) -> tuple[
         raise ValueError(f"fit_images(): lr = {lr} is out of range: above 0, below 10.")
     if positive_int(max_depth, "max_depth", "fit_images()") < 2:
         raise ValueError(f"fit_images(): max_depth is {max_depth!r}; 2 (light, surface, camera) is the least.")
-    return train, checked
+    return checked
+
+
+def _check_lit(scene: mi.Scene) -> None:
+    if not scene.emitters():
+        raise ValueError(
+            "fit_images(): nothing lights the scene. Put a light into it, or give each frame of the photographs a "
+            '"light" (docs/photographs.md).'
+        )
 
 
 def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
@@ -201,20 +232,19 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
     return sought
 
 
-def _small(train: Sequence[View]) -> list[Target]:
-    """Small images, for what needs many renders."""
-    side = np.sqrt(np.mean([v.mask.sum() for v in train]))  # of what counts: the object may be small in the picture
-    return targets_module.targets(train, max(1, round(side / _START_SIZE)))
-
-
 def _starts(
-    descent: Descent, placed: Mapping[str, SceneMaterial], targets: Sequence[Target], scale: float, given, seed: int
+    descent: Descent, placed: Mapping[str, SceneMaterial], targets: Sequence[Target], given, seed: int
 ) -> list[dict]:
     """Values to start from, the most promising first; several only where there is a single material."""
     render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
     if descent.light:
         # before any colour: a bright one under a dark light is a minimum, too
         descent.put({"light_scale": np.array([image_loss.ratio(targets, [render(t) for t in targets])])})
+    if descent.exposures:
+        images = [render(t) for t in targets]
+        ratios = [image_loss.ratio(targets, images, k) if f else 1.0 for k, f in enumerate(descent.fitted)]
+        factors = np.where(descent.fitted, np.array(ratios) / np.exp(np.log(ratios)[descent.fitted].mean()), 1)
+        descent.put({"exposure_factors": factors})
     free = {u.key for u in descent.unknowns}
     first, ways = dict(descent.values()), []
     for one in placed.values():
@@ -223,7 +253,13 @@ def _starts(
         ranked = []
         for material in candidates(one) if all_free else [one.read(descent.params)]:
             found, error = with_best_colours(
-                one, plain(material) if all_free else material, free, descent.params, targets, render, scale
+                one,
+                plain(material) if all_free else material,
+                free,
+                descent.params,
+                targets,
+                render,
+                descent.measure.scale,
             )
             ranked.append((error, one.assignment(found)))
         ranked.sort(key=lambda pair: pair[0])

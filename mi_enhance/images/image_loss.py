@@ -10,7 +10,6 @@ import mitsuba as mi
 import numpy as np
 
 from .targets import Target
-from .views import View
 
 LOSSES = ("log", "relative")
 
@@ -18,22 +17,23 @@ LOSSES = ("log", "relative")
 _NEAR = 0.02
 
 
-def brightness(views: Sequence[View]) -> float:
-    """Median of the pixels that count: what is dark is compared by difference, what is bright by ratio."""
-    values = np.concatenate([v.image[v.mask].mean(-1) for v in views])
-    if not values.size:
-        raise ValueError(f"fit_images(): no pixel of the {len(views)} views counts. Look at their masks.")
+def brightness(colours: np.ndarray) -> float:
+    """Median of pixels (N, 3): what is dark is compared by difference, what is bright by ratio."""
+    values = colours.mean(-1)
     # a tenth of the mean: more than half of the pixels may be black; 1e-6: all of them
     return float(max(np.median(values), 0.1 * values.mean(), 1e-6))
 
 
-def ratio(targets: Sequence[Target], images: Sequence[np.ndarray]) -> float:
-    """Median of photograph over image, where a pixel counts and neither is dark."""
+def ratio(targets: Sequence[Target], images: Sequence[np.ndarray], number: int | None = None) -> float:
+    """Median of photograph over image, where a pixel counts and neither is dark; of one photograph, by its number."""
     ratios = []
     for target, image in zip(targets, images, strict=True):
         truth = np.array(target.image).mean(-1)
-        bright = (np.array(target.weight)[..., 0] > 0) & (truth > 0) & (image.mean(-1) > 0)
-        ratios.append(truth[bright] / image.mean(-1)[bright])
+        used = (np.array(target.weight)[..., 0] > 0) & (truth > 0) & (image.mean(-1) > 0)
+        used &= ~np.array(target.saturated).any(-1)
+        if number is not None:
+            used &= target.numbers == number
+        ratios.append(truth[used] / image.mean(-1)[used])
     every = np.concatenate(ratios)
     return float(np.median(every)) if every.size else 1.0
 
@@ -85,6 +85,6 @@ class Measure(NamedTuple):
         slope = 1 / ((dr.maximum(seen, 0) if self.kind == "log" else truth) + self.scale)
         # a share of the brightness: what is explained to within the noise pulls in proportion to its distance
         size = dr.abs(seen - truth) + _NEAR * (truth + self.scale)
-        free = (target.saturated & (seen >= truth)) | ~dr.isfinite(image)  # type: ignore[operator]  # of bool
+        free = (target.saturated & (seen >= truth)) | ~dr.isfinite(image)
         difference = dr.select(free, 0, image - truth)
         return dr.sum(0.5 * target.weight * slope / size * dr.square(difference), axis=None)

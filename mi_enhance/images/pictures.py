@@ -34,25 +34,27 @@ def draw_views(views: Sequence[View], renders: Sequence[np.ndarray], path: str |
     --------
     >>> draw_views(views, fit.renders, "views.png")  # doctest: +SKIP
     """
-    order = sorted(range(len(views)), key=lambda k: views[k].split != "test")
+    splits = getattr(views, "splits", None) or [v.split for v in views]
+    order = sorted(range(len(views)), key=lambda k: splits[k] != "test")
     if len(order) > _SHOWN:
         order = [order[k] for k in np.linspace(0, len(order) - 1, _SHOWN).round().astype(int)]
-    errors = [np.abs(np.log1p(np.maximum(renders[k], 0)) - np.log1p(np.maximum(views[k].image, 0))) for k in order]
-    errors = [np.where(views[k].mask, e.mean(-1), 0) for k, e in zip(order, errors, strict=True)]
+    shown = {k: views[k].smaller(max(1, views[k].size[0] // renders[k].shape[1])) for k in order}
+    errors = [np.abs(np.log1p(np.maximum(renders[k], 0)) - np.log1p(np.maximum(shown[k].image, 0))) for k in order]
+    errors = [np.where(shown[k].mask, e.mean(-1), 0) for k, e in zip(order, errors, strict=True)]
     top = max(1e-3, *(float(np.percentile(e, _PERCENTILE)) for e in errors))  # 1e-3: every render equals its photograph
     with sheet(path, (1.8 * len(order), 5.6), 110) as figure:
         axes = figure.subplots(3, len(order), squeeze=False)
         for ax in axes.flat:
             ax.set(xticks=[], yticks=[])
         for column, k, error in zip(axes.T, order, errors, strict=True):
-            column[0].imshow(encode_srgb(views[k].image))
-            split = "held out" if views[k].split == "test" else "fitted"
-            column[0].set_title(f"{views[k].name}\n{split}", fontsize=8)
+            column[0].imshow(encode_srgb(shown[k].image))
+            split = "held out" if shown[k].split == "test" else "fitted"
+            column[0].set_title(f"{shown[k].name}\n{split}", fontsize=8)
             column[1].imshow(encode_srgb(renders[k]))
-            shown = column[2].imshow(error, cmap="inferno", vmin=0, vmax=top)
+            mapped = column[2].imshow(error, cmap="inferno", vmin=0, vmax=top)
         for ax, label in zip(axes[:, 0], ("photograph", "re-render", "error"), strict=True):
             ax.set_ylabel(label, fontsize=9)
-        figure.colorbar(shown, ax=axes[2].tolist(), label="abs. log difference", extend="max")
+        figure.colorbar(mapped, ax=axes[2].tolist(), label="abs. log difference", extend="max")
 
 
 def draw_convergence(curves: Mapping[str, Sequence[dict]], path: str | Path) -> None:

@@ -17,10 +17,12 @@ from ..sampling import albedo
 from . import targets
 from .descent import Descent
 from .scene_materials import SceneMaterial
+from .schedule import RECENT
+from .survey import Survey
 from .views import View
 
-_FINAL_SPP = 128
-RECENT = 5  # iterations whose mean is the loss: one alone is a matter of chance
+_FINAL_SPP, _LEAST_SPP = 128, 64
+_PATHS = 1 << 24  # that the re-renders at the end may have together
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,11 +40,13 @@ class ImageFit:
         ``nonfinite_pixels`` (values of renders that were left out), ``undetermined`` (keys of unknowns that may change
         by half of their range without a pixel that shows it),
         ``views`` (name, split, ``mean_abs_log`` and ``psnr`` of each re-render over the pixels that count),
-        ``mean_abs_log`` (``train`` and ``test``), and the settings. JSON types only.
+        ``mean_abs_log`` (``train`` and ``test``), ``judged_at`` (1 / size of the photographs in these), and the
+        settings. ``exposure_factors`` by name of the view, where they were sought; that of a held-out view is the one
+        that explains it best. JSON types only.
     curve : list of dict
         ``step``, ``seconds``, ``loss`` of every iteration; another stage sees other pixels and another noise.
     renders : list of array (H, W, 3)
-        Re-renders of all views, in their order.
+        Re-renders of all views, in their order, made ``report["judged_at"]`` times smaller as the photographs are.
     """
 
     materials: dict[str, Material]
@@ -56,6 +60,7 @@ def result(
     descent: Descent,
     placed: Mapping[str, SceneMaterial],
     views: Sequence[View],
+    book: Survey,
     undetermined: Sequence[str],
     settings: dict,
     start: float,
@@ -68,6 +73,7 @@ def result(
         At its end.
     placed : dict of str to SceneMaterial
     views : sequence of View
+    book : Survey
     undetermined : sequence of str
         Keys of unknowns that no photograph shows.
     settings : dict
@@ -75,10 +81,18 @@ def result(
         When the fit began, of ``time.perf_counter()``.
     """
     renders: dict[str, np.ndarray] = {}
-    for target in targets.targets(views):
-        images = targets.split(descent.render(target, _FINAL_SPP, settings["seed"]), target)
+    small = [v.smaller(book.factor) for v in views]
+    spp = int(np.clip(_PATHS // sum(v.mask.size for v in small), _LEAST_SPP, _FINAL_SPP))
+    factors = {}
+    for target in targets.targets(small, 1, book.numbers):
+        images = targets.split(descent.render(target, spp, settings["seed"]), target)
         renders |= dict(zip((v.name for v in target.views), images, strict=True))
-    rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in views]
+    if descent.exposures:
+        factors = {name: float(descent.values()["exposure_factors"][k]) for name, k in book.numbers.items()}
+        for view in (v for v in small if v.split != "train"):
+            factors[view.name] = _best_factor(view, renders[view.name])
+            renders[view.name] = factors[view.name] * renders[view.name]
+    rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in small]
     report = {
         "mean_abs_log": {s: _mean(r["mean_abs_log"] for r in rows if r["split"] == s) for s in ("train", "test")},
         "loss": float(np.mean([row["loss"] for row in descent.curve[-RECENT:]])),
@@ -89,9 +103,17 @@ def result(
         "nonfinite_gradients": descent.nonfinite,
         "nonfinite_pixels": descent.nonfinite_pixels,
         "undetermined": list(undetermined),
+        "judged_at": book.factor,
+        **({"exposure_factors": factors} if factors else {}),
         "views": rows,
         "settings": settings,
     }
+    materials = materials_of(descent, placed, report)
+    return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in small])
+
+
+def materials_of(descent: Descent, placed: Mapping[str, SceneMaterial], report: dict) -> dict[str, Material]:
+    """Return the materials as the scene has them now, by id, those without textures."""
     materials = {}
     for name, one in placed.items():
         if not one.is_textured:
@@ -99,11 +121,19 @@ def result(
                 dataclasses.replace(one.read(descent.params), report=_of_material(report, one), library=None)
             )
             materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found.brdf, found.as_drjit()))
-    return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in views])
+    return materials
+
+
+def _best_factor(view: View, render: np.ndarray) -> float:
+    """Return the median of photograph over render, where neither is dark or saturated."""
+    used = view.mask & ~view.saturated.any(-1) & (view.image > 0).all(-1) & (render > 0).all(-1)
+    return float(np.median(view.image[used] / render[used])) if used.any() else 1.0
 
 
 def _of_material(report: dict, one: SceneMaterial) -> dict:
-    """Return the report that the file of a material keeps."""
+    """Return the report that the file of a material keeps; of a fit that has not ended there is none."""
+    if not report:
+        return {"method": "images"}
     kept = ("loss", "seconds", "iterations", "n_unknowns", "light_scale", "nonfinite_gradients", "settings")
     means = {f"mean_abs_log_{s}": v for s, v in report["mean_abs_log"].items() if v is not None}
     hidden = [p for p in one.material.brdf.parameters if one.keys.get(p.name) in report["undetermined"]]

@@ -14,6 +14,8 @@ from numbers import Integral
 import mitsuba as mi
 import numpy as np
 
+from ..data.lights import Light
+
 _TURN = np.diag([-1.0, 1.0, -1.0, 1.0])  # OpenGL's camera to Mitsuba's: half a turn about y
 
 
@@ -39,6 +41,8 @@ class View:
         Value at which the camera saturates: there the scene may be brighter. 1 for 8-bit images, else infinite.
     principal_point : (float, float)
         Where the optical axis meets the image, as shares of width and height from the upper left corner.
+    light : Light, optional
+        That of this photograph, beside those of the scene.
 
     Raises
     ------
@@ -60,6 +64,7 @@ class View:
     split: str = "train"
     ceiling: float = math.inf
     principal_point: tuple[float, float] = (0.5, 0.5)
+    light: Light | None = None
 
     def __post_init__(self):
         image, to_world = np.asarray(self.image, np.float32), np.asarray(self.to_world, np.float64)

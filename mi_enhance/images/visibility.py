@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from . import targets as targets_module
 from .descent import Descent
 from .scene_materials import SceneMaterial
 from .targets import Target
@@ -24,7 +23,11 @@ _CAUSES = (
 
 
 def warnings_of(
-    descent: Descent, placed: Mapping[str, SceneMaterial], targets: Sequence[Target], seed: int
+    descent: Descent,
+    placed: Mapping[str, SceneMaterial],
+    targets: Sequence[Target],
+    names: Sequence[str],
+    seed: int,
 ) -> list[str]:
     """Check that photographs see what is sought.
 
@@ -34,7 +37,9 @@ def warnings_of(
         At its start.
     placed : dict of str to SceneMaterial
     targets : sequence of Target
-        Of the views to fit, small.
+        Some pixels of each view to fit.
+    names : sequence of str
+        Of the views, by number.
     seed : int
 
     Returns
@@ -51,7 +56,8 @@ def warnings_of(
     known = {u.key for group in groups.values() for u in group}
     groups["the other unknowns"] = [u for u in descent.unknowns if u.key not in known]
     changes = {name: changes_of(descent, group, targets, seed) for name, group in groups.items() if group}
-    views = [view.name for target in targets for view in target.views]
+    numbers = np.unique(np.concatenate([target.numbers.ravel() for target in targets]))
+    views = [names[k] for k in numbers]
     sees = np.max(list(changes.values()), axis=0) > _SEEN
     if not sees.any():
         raise ValueError(
@@ -81,7 +87,8 @@ def changes_of(descent: Descent, unknowns: Sequence[Unknown], targets: Sequence[
     """Return for each view the largest change of a pixel's logarithm when unknowns go half of the way to a bound."""
     values = descent.values()
     moved = {u.key: _moved(u, values[u.key]) for u in unknowns}
-    result = []
+    numbers = np.unique(np.concatenate([target.numbers.ravel() for target in targets]))
+    result = np.zeros(len(numbers))
     for target in targets:
         before, after = (
             np.mean([descent.render(target, _SPP, seed + k, instead=v) for k in range(_RENDERS)], axis=0)
@@ -91,8 +98,8 @@ def changes_of(descent: Descent, unknowns: Sequence[Unknown], targets: Sequence[
         with np.errstate(invalid="ignore"):  # infinite in both renders: no change that could be seen
             change = np.abs(np.log1p(np.maximum(after, 0) / scale) - np.log1p(np.maximum(before, 0) / scale))
         change = np.where((np.array(target.weight) > 0) & np.isfinite(change), change, 0)
-        result += [float(part.max()) for part in targets_module.split(change, target)]
-    return np.array(result)
+        np.maximum.at(result, np.searchsorted(numbers, target.numbers.ravel()), change.max(-1).ravel())
+    return result
 
 
 def _moved(u: Unknown, value: np.ndarray) -> np.ndarray:

@@ -270,7 +270,7 @@ def restarts(args) -> dict:
         spp=64,
     )
     (target,) = targets.targets(photos)
-    measure = image_loss.Measure("log", image_loss.brightness(photos))
+    measure = image_loss.Measure("log", image_loss.brightness(np.concatenate([v.image[v.mask] for v in photos])))
     descent = fit_images.Descent(scene, unknowns.enhanced(scene), None, measure, 4, args.seed)
     rng, start = np.random.default_rng(args.seed), time.perf_counter()
     n, bad_values, bad_pixels = 0, 0, 0

@@ -16,7 +16,7 @@ import mi_enhance  # noqa: F401  (before mitsuba)
 
 import mitsuba as mi  # isort: skip
 
-from mi_enhance.images.colour_spaces import ADOBE_RGB, decode_srgb
+from mi_enhance.data.image_files.colour_spaces import ADOBE_RGB, decode_srgb
 from mi_enhance.images.view_files import FILE, read_views, write_views
 from mi_enhance.images.views import View
 

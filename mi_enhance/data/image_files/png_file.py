@@ -10,7 +10,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from .colour_spaces import CICP_CURVES, CICP_PRIMARIES, ColourSpace, decode_srgb, matrix_of_primaries, power
+from .colour_spaces import CICP_CURVES, CICP_PRIMARIES, LINEAR, ColourSpace, decode_srgb, matrix_of_primaries, power
 from .exif import exposure_of, orientation_of, read_tags
 from .icc_profile import read_icc_profile
 from .photograph import Photograph, check_size, of_integers
@@ -23,7 +23,7 @@ _SRGB_GAMMA = 45455  # 1 / 2.2 in the file's units: what programs write for sRGB
 _LARGEST_PROFILE = 1 << 22  # bytes: profiles of cameras have some kB
 
 
-def read_png(file: Path, where: str) -> Photograph:
+def read_png(file: Path, where: str, is_linear: bool = False) -> Photograph:
     """Read a PNG file; its gamma, primaries, profile and orientation are honoured or refused.
 
     Raises
@@ -41,7 +41,7 @@ def read_png(file: Path, where: str) -> Photograph:
         raise ValueError(f"{where} cannot be read as an image: its PNG header is damaged.")
     check_size(header.width, header.height, len(content), where)
     try:
-        space = _space(chunks)
+        space = LINEAR if is_linear else _space(chunks)
         ceiling = _ceiling(chunks, header)
     except (ValueError, struct.error, zlib.error) as error:
         raise ValueError(f"{where}: its colours cannot be told: {error}. Convert it to sRGB.") from None

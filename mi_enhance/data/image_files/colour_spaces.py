@@ -53,6 +53,8 @@ def power(exponent: float) -> Curve:
     return lambda v: v**exponent
 
 
+LINEAR = ColourSpace(power(1.0))
+
 # ITU-T H.273, table 3. What is left out (PQ, HLG, the curves of cameras) has a meaning that depends on a display.
 CICP_CURVES: dict[int, Curve] = {4: power(2.2), 5: power(2.8), 8: power(1.0), 13: decode_srgb}
 

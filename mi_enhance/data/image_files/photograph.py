@@ -39,7 +39,7 @@ class Photograph:
     exposure: float | None = None
 
 
-def read_photograph(file: Path, where: str, *, is_mask: bool = False) -> Photograph:
+def read_photograph(file: Path, where: str, *, is_mask: bool = False, is_linear: bool = False) -> Photograph:
     """Read one image: EXR, PNG or JPEG, whatever its suffix.
 
     Mitsuba's readers of other formats end the process where a file is damaged.
@@ -51,6 +51,9 @@ def read_photograph(file: Path, where: str, *, is_mask: bool = False) -> Photogr
         What an error begins with.
     is_mask : bool
         Whether a single channel of an EXR file is what is sought, whatever its name.
+    is_linear : bool
+        Whether the numbers of a PNG file are proportional to light, whatever the file says of them. A JPEG file is
+        refused then.
 
     Raises
     ------
@@ -67,8 +70,10 @@ def read_photograph(file: Path, where: str, *, is_mask: bool = False) -> Photogr
     if start[:4] == b"\x76\x2f\x31\x01":
         return read_exr(file, where, is_mask)
     if start == b"\x89PNG\r\n\x1a\n":
-        return read_png(file, where)
+        return read_png(file, where, is_linear)
     if start[:3] == b"\xff\xd8\xff":
+        if is_linear:
+            raise ValueError(f"{where} is a JPEG file, whose numbers are not linear. Give PNG of 16 bits, or EXR.")
         return read_jpeg(file, where)
     raise ValueError(f"{where} cannot be read as an image: it is no EXR, PNG or JPEG file. Convert it to one of them.")
 
