@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..system.bundled_files import DEFAULT_NETWORK
+from ..system.bundled_files import SURFACE_NETWORK
 from ..system.progress import Callback
 from . import arguments
 from .outputs import made, output_file, output_folder
@@ -28,7 +28,9 @@ def add(subparsers: arguments.Subparsers) -> None:
     p.add_argument("scene", metavar="SCENE.xml", help="geometry and light; its parameter $material gets the model")
     p.add_argument("views", metavar="VIEWS", help="folder with transforms.json, or that file (docs/images.md)")
     arguments.add_model(
-        p, help=f"what is fitted: a .bsdf file, or the name of a shipped network (default: {DEFAULT_NETWORK})"
+        p,
+        help=f"what is fitted: a .bsdf file, or the name of a shipped network (default: {SURFACE_NETWORK})",
+        default=SURFACE_NETWORK,
     )
     arguments.add_define(p, "scene")
     arguments.add_seed(p)

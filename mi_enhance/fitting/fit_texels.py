@@ -112,7 +112,7 @@ def fit_texels(
     ((1, 2), True)
     """
     require_rgb("fit_texels()")
-    refuse_trunk(material, "fit_texels()")
+    refuse_trunk(material.unspecialized, "fit_texels()")
     shape = check("fit_texels()", wi, wo, f)
     if not smoothness >= 0 or not np.isfinite(smoothness):
         raise ValueError(f"fit_texels(): smoothness is {smoothness}; it must be a number >= 0.")

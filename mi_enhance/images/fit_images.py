@@ -12,7 +12,7 @@ import numpy as np
 
 from ..analytic.parameters import Parameter
 from ..material.colour_normalization import plain
-from ..material.material import Material
+from ..material.material import Material, refuse_trunk
 from ..system.checks import positive_int
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
@@ -149,6 +149,8 @@ def fit_images(
         raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(image_loss.LOSSES)}.')
     sought = _unknowns(scene, unknowns)
     placed = find(mi.traverse(scene), materials)
+    for name, found in placed.items():
+        refuse_trunk(found.material, f"fit_images(): {name}")
     progress(Progress("read photographs", 0, len(views)))
     book = survey(views, stages, pixels, 2 * _SURVIVORS * TRIAL, seed)
     lit = with_lights(scene, book.lights)

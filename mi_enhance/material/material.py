@@ -327,7 +327,7 @@ def refuse_trunk(material: Material, where: str) -> None:
     --------
     >>> refuse_trunk(Material.analytic("ggx"), "example")
     """
-    if material.brdf.trunk:
+    if material.brdf.trunk and not material.brdf.distilled:
         raise ValueError(
             f"{where}: this network has {material.brdf.trunk.size} numbers of the material's own, more than a texel or "
             f'photographs determine. Take one with few, such as Material.pretrained("{SURFACE_NETWORK}").'
