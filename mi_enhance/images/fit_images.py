@@ -149,8 +149,8 @@ def fit_images(
         raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(image_loss.LOSSES)}.')
     sought = _unknowns(scene, unknowns)
     placed = find(mi.traverse(scene), materials)
-    for name, found in placed.items():
-        refuse_trunk(found.material, f"fit_images(): {name}")
+    for name, known in placed.items():
+        refuse_trunk(known.material, f"fit_images(): {name}")
     progress(Progress("read photographs", 0, len(views)))
     book = survey(views, stages, pixels, 2 * _SURVIVORS * TRIAL, seed)
     lit = with_lights(scene, book.lights)
