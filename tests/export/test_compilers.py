@@ -59,7 +59,7 @@ def glslang(path):
 
 
 @pytest.mark.skipif(GLSLANG is None, reason="glslangValidator is not installed (Debian: glslang-tools)")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if "net" not in kind or "small" in kind])
 def test_glslang_accepts_glsl(llvm, tmp_path, kind):
     text = shaders.source(record(KINDS[kind]()), "it")
     path = tmp_path / "it.frag"

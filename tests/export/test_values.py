@@ -25,8 +25,10 @@ def error(value, reference):
     return (np.abs(value - reference) / np.maximum(np.abs(reference), DARK)).max()
 
 
-@pytest.mark.parametrize("editable", [True, False])
-@pytest.mark.parametrize("kind", KINDS)
+CONSTANT = ("ggx", "abc", "text", "specialized", "mixture", "trunk", "edited")
+
+
+@pytest.mark.parametrize("kind, editable", [*((kind, True) for kind in KINDS), *((kind, False) for kind in CONSTANT)])
 def test_values_are_those_of_the_material(llvm, kind, editable):
     material = KINDS[kind]()
     wi, wo = pairs(3000)
