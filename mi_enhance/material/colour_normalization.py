@@ -22,6 +22,9 @@ from ..sampling import albedo
 from .material import Material
 
 _SAMPLES = 1 << 14
+# Sine of the largest angle of the views whose mean an edit holds, 65 degrees: what a factor says at the horizon, where
+# hardly anything is seen, must not decide how bright the rest is.
+_SEEN = float(np.sin(np.radians(65)))
 
 
 def normalize(material: Material) -> Material:
@@ -76,11 +79,11 @@ def reshaped(material: Material, before: Material) -> Material:
     is held, channel by channel, and only their shape follows the edit.
     """
     factors = list(_factors(material))
-    if factors:
-        found = zip(factors, _albedos(material), _albedos(before), strict=False)
-        for (_, slot, _), *pairs in found:
-            after, then = (np.log(np.maximum(e, 1e-9) / np.maximum(a, 1e-9)) for e, a in pairs)
-            material = _shifted(material, slot, then - after)
+    found = [_albedos(m, _SEEN) for m in (material, before)] if factors else []
+    for k, slot, _ in factors:
+        # 1e-9: a term may be 0
+        after, then = (np.log(np.maximum(part[k][0], 1e-9) / np.maximum(part[k][1], 1e-9)) for part in found)
+        material = _shifted(material, slot, then - after)
     return material
 
 
@@ -141,13 +144,14 @@ def _parts(node: Node, symbol: str) -> Iterator[Node]:
         yield node
 
 
-def _albedos(material: Material) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Albedo in RGB under even light from all sides of every additive term with colour 1: enhanced, analytic."""
+def _albedos(material: Material, sine: float = 1.0) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Albedo in RGB, under even light up to that sine, of every additive term with colour 1: enhanced, analytic."""
     brdf = material.brdf
     params = material.as_drjit() | {name: mi.Color3f(1) for name in parameters.colours(brdf.model.parameters)}
     rng = np.random.default_rng(0)
     u = [mi.Float(rng.random(_SAMPLES).astype(np.float32)) for _ in range(5)]
-    wi = mi.warp.square_to_cosine_hemisphere(mi.Point2f(u[0], u[1]))
+    disk = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u[0], u[1])) * sine
+    wi = mi.Vector3f(disk.x, disk.y, dr.safe_sqrt(1 - dr.squared_norm(disk)))
     even = albedo.even_shares(len(brdf.model.lobes(params)))
     wo, density = albedo.draw(wi, params, even, u[2:], brdf.model)
     graph, record, active = brdf.prepare(wi, wo, params, fused(brdf.networks))
