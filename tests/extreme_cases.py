@@ -31,7 +31,7 @@ ULP = 2.0**-24  # half a unit in the last place of numbers in [0.5, 1]: what flo
 _WIDE = {f"alpha_{k}": (0.05, 1) for k in ("x", "y", "x2", "y2")} | {"n_u": (1, 500), "n_v": (1, 500), "B": (1, 1e3)}
 _SHARP = {f"alpha_{k}": (1e-4, 1e-2) for k in ("x", "y", "x2", "y2")} | {"n_u": (1e4, 1e6), "n_v": (1e4, 1e6)}
 _TURNED = {"n_x": (0, 0), "n_y": (0, 0)}
-_USUAL_LATENT = {"latent": (0, 1), "norm": (-1, 1)}
+_USUAL_LATENT = {"latent": (0, 1), "norm": (-1, 1), "read": (-0.1, 0.1)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +57,7 @@ CASES = {
     "F0 and albedos 0 and 1": Case("anywhere", _WIDE | _USUAL_LATENT, ("F0", "rho_d", "rho_s", "rho_s2", "ior", "A")),
     "albedos 1e-30 and 10": Case("lobe", _TURNED | _USUAL_LATENT | {"rho_d": (1e-30, 1e-30), "rho_s": (10, 10)}),
     "normal at its bound": Case("anywhere", _WIDE | _USUAL_LATENT, ("n_x", "n_y")),
-    "latent far outside": Case("anywhere", _WIDE | {"norm": (-20, 20)}, ("latent",)),
+    "latent far outside": Case("anywhere", _WIDE | {"norm": (-20, 20), "read": (-0.1, 0.1)}, ("latent",)),
     "all at their bounds": Case("lobe", {}, ("all",)),
 }
 
@@ -176,10 +176,10 @@ def n_bad(f: mi.Color3f, gradients: dict) -> mi.UInt32:
 def twin_of(material: Material):
     """``f(wi, wo, params)`` in float64 of a material's BRDF."""
     brdf = material.brdf
-    if not brdf.modules:
+    if not brdf.networks:
         return lambda wi, wo, p: twin.analytic(brdf.model.name, wi, wo, p)
     if brdf.inputs in ("shape", "own"):
-        return lambda wi, wo, p: twin_networks.brdf(brdf.model.name, wi, wo, p, brdf.modules, brdf.inputs)
+        return lambda wi, wo, p: twin_networks.brdf(brdf.model.name, wi, wo, p, brdf.modules, brdf.inputs, brdf.trunk)
     layers = {slot: mlp.layers for slot, mlp in brdf.modules.items()}
     return lambda wi, wo, p: twin.brdf(wi, wo, p, layers, brdf.inputs)
 
@@ -247,7 +247,7 @@ class Errors:
 
 def errors(material: Material, case: Case, n: int, n_gradients: int, seed: int) -> Errors:
     """Compare n values, and the derivatives of the first `n_gradients` of them, with the twin."""
-    brdf, f, evaluators = material.brdf, twin_of(material), lanes.fused(material.brdf.modules)
+    brdf, f, evaluators = material.brdf, twin_of(material), lanes.fused(material.brdf.networks)
     wi, wo, params = draw(case, brdf, n, seed)
     dr.eval(wi, wo, params)
     got, slopes = gradients(brdf, evaluators, wi, wo, params)

@@ -31,6 +31,6 @@ def parameters(p):
 
 def evaluate(brdf, wi, wo, p, evaluators=None):
     """f_r as an array (N, 3), float64, with parameters of each lane; ``Material.evaluate`` has one set for all."""
-    evaluators = fused(brdf.modules) if evaluators is None else evaluators
+    evaluators = fused(brdf.networks) if evaluators is None else evaluators
     f = brdf(vectors(wi), vectors(wo), parameters(p), evaluators)
     return np.array(f, np.float64).T

@@ -33,10 +33,12 @@ MAGNIFIED = {
 }
 # The back vector of two directions that graze on the same side is made of differences of equals.
 BACK = {"h on the horizon": (0.3, 0.6)}
+# Sums over 64 units, of factors in RGB.
+READ_OUT = {"wi = wo": (2e-3, 5e-3)}
 OVER_ROUNDING = 8  # error over what half a unit in the last place of the inputs changes; 4 tries find most of it
 
 MATERIALS = ["own features, random", *sorted(models.MODELS)]
-SLOW = ["[paper]", "[ggx2]", "[ggx2_small]", "[ggx]", "[ward]", "[cook_torrance]"]
+SLOW = ["[paper]", "[ggx2]", "[ggx2_rgb]", "[ggx2_small]", "[ggx]", "[ward]", "[cook_torrance]"]
 SATURATED = "[S] [D] [F] [G] [1/E] saturated"
 
 
@@ -54,7 +56,7 @@ def test_all_materials_are_in_the_lists(materials):
 def test_values_and_gradients_are_the_twins(llvm, materials, name):
     for case in cases.CASES:
         e = cases.errors(materials[name], cases.CASES[case], N, N_GRADIENTS, seed=1)
-        known = MAGNIFIED | (BACK if name == "ggx_retro" else {})
+        known = MAGNIFIED | {"ggx_retro": BACK, "[ggx2_rgb]": READ_OUT}.get(name, {})
         value, gradient = known.get(case, (MODULES if name in SLOW else VALUE, GRADIENT))
         assert e.value.max() < value, case
         assert (e.value / (VALUE + e.rounding)).max() < OVER_ROUNDING, case
@@ -65,7 +67,7 @@ def test_values_and_gradients_are_the_twins(llvm, materials, name):
 @pytest.mark.parametrize("name", [pytest.param(SATURATED, marks=pytest.mark.slow), "ashikhmin_shirley"])
 def test_nothing_is_infinite_or_negative(llvm, materials, name):
     brdf, n = materials[name].brdf, 20_000
-    evaluators, largest = lanes.fused(brdf.modules), 0
+    evaluators, largest = lanes.fused(brdf.networks), 0
     for case in cases.CASES.values():
         wi, wo, params = cases.draw(case, brdf, n, seed=2)
         f, gradients = cases.gradients(brdf, evaluators, wi, wo, params)

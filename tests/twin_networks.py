@@ -106,8 +106,8 @@ def terms(model, i, o, p):
     return {**cavity, "D": twin.D_beckmann(h, p["alpha_x"], p["alpha_y"]), "F": twin.F_cook_torrance(cos_d, p["F0"])}
 
 
-def brdf(model, wi, wo, params, networks, inputs="shape"):
-    """f_r (N, 3) of `model` with the slots in `networks` (name -> network) replaced, inputs "shape" or "own"."""
+def brdf(model, wi, wo, params, networks, inputs="shape", trunk=None):
+    """f_r (N, 3) of `model` with the slots in `networks` (name -> network) replaced, or scaled by a `trunk`."""
     i, o, p, up = twin.local(wi, wo, params)
     constant, varying = constant_features(model, p), directional_features(i, o, p)
     both = np.concatenate([constant, varying], -1)
@@ -119,6 +119,9 @@ def brdf(model, wi, wo, params, networks, inputs="shape"):
         value = np.exp(np.clip(mlp(networks[name], x) + p[f"norm_{name}"][:, None], -limit(name), limit(name)))
         values[name] = values[name] * value if name in COLOURS else value  # a colour is scaled
     values = {name: v[:, None] if np.ndim(v) == 1 else v for name, v in values.items()}
+    if trunk:
+        for slot, factor in factors(trunk, varying, p).items():
+            values[slot] = values[slot] * factor
 
     def operator(name, a, b):
         if name not in networks:
@@ -138,6 +141,19 @@ def brdf(model, wi, wo, params, networks, inputs="shape"):
     result = np.zeros((len(up), 3))
     result[up] = f
     return result
+
+
+def factors(trunk, varying, p):
+    """Factors (n, channels) of the slots of a trunk: exp of its leaky units, read out by the numbers of each row."""
+    a = np.concatenate([np.broadcast_to(p["latent"], (len(varying), p["latent"].shape[-1])), varying], -1)
+    for w, b in trunk.mlp.layers:
+        a = a @ w.T.astype(np.float64) + b
+        a = np.maximum(a, twin.SLOPE * a)
+    a = np.append(a, np.ones((len(a), 1)), 1)
+    read = np.broadcast_to(p["read_out"], (len(a), p["read_out"].shape[-1]))
+    read = read.reshape(len(a), len(trunk.slots), trunk.channels, a.shape[1])
+    y = np.clip(np.einsum("nsck,nk->nsc", read, a), -20, 20)
+    return {slot: np.exp(y[:, k]) for k, slot in enumerate(trunk.slots)}
 
 
 class Network:
@@ -182,4 +198,12 @@ def parameters(brdf, n, seed=0, alpha=(0.05, 1.0), tilt=0.3):
 
 
 # Of ABC narrower than what is allowed, where float32 directions still say something of the lobe.
-USUAL = {"A": (0.1, 100), "B": (3, 1e3), "C": (0.1, 3), "ior": (1.05, 20), "latent": (-0.5, 1.5), "norm": (-1, 1)}
+USUAL = {
+    "A": (0.1, 100),
+    "B": (3, 1e3),
+    "C": (0.1, 3),
+    "ior": (1.05, 20),
+    "latent": (-0.5, 1.5),
+    "norm": (-1, 1),
+    "read": (-0.1, 0.1),
+}

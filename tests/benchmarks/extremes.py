@@ -58,9 +58,9 @@ def main() -> None:
     from tqdm import tqdm
 
     for name, material in tqdm(materials.items(), desc="materials"):
-        evaluators = lanes.fused(material.brdf.modules)
+        evaluators = lanes.fused(material.brdf.networks)
         for case in tqdm(cases.CASES, desc=name, leave=False):
-            kind = "saturated" if name.endswith("saturated") else "networks" if material.brdf.modules else "analytic"
+            kind = "saturated" if name.endswith("saturated") else "networks" if material.brdf.networks else "analytic"
             row = rows.setdefault((case, kind), {"case": case, "kind": kind, "evaluations": 0, "bad": 0})
             if kind != "saturated":  # of exponents that are cut off, float32 and float64 agree; elsewhere they need not
                 _compare(row, material, case, args)
