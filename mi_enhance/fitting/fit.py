@@ -103,6 +103,7 @@ def fit(
         )
     require_rgb("fit()")
     material = material.unspecialized  # a specialized one holds for its own parameters only
+    material = dataclasses.replace(material, brdf=dataclasses.replace(material.brdf, reference=None))
     start = time.perf_counter()
     hold = ("asymmetry",) if reciprocal else ()
     rng = np.random.default_rng(seed)

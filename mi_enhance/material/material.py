@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import drjit as dr
@@ -51,6 +52,8 @@ class Material(OldNames):
     exact_params : dict of str to array, optional
         Parameters before the material got a network of its own, whose training moves them: :attr:`unspecialized` has
         them.
+    exact_reference : dict of str to float, optional
+        `brdf.reference` of that material.
 
     Examples
     --------
@@ -67,6 +70,7 @@ class Material(OldNames):
     bound_energy: bool = False
     mixture: Mixture | None = None
     exact_params: dict | None = None
+    exact_reference: dict | None = None
 
     def __post_init__(self):
         values = {**parameters.initial(self.brdf.parameters), **self.params}
@@ -123,6 +127,10 @@ class Material(OldNames):
         edited = dataclasses.replace(self, params=changed, exact_params=exact)
         shape = [p.name for p in self.brdf.model.parameters if not p.is_colour and p.name not in parameters.FRAME]
         if any(not np.array_equal(changed[name], self.params[name]) for name in shape) and self.factors_in_rgb:
+            known = self.brdf.reference or _roughnesses(self.params)
+            brdf = dataclasses.replace(self.brdf, reference=known if known != _roughnesses(changed) else None)
+            before = self.exact_reference or (_roughnesses(self.exact_params) if self.exact_params else None)
+            edited = dataclasses.replace(edited, brdf=brdf, exact_reference=before)
             return colour_normalization.reshaped(edited, self)
         return edited
 
@@ -146,9 +154,14 @@ class Material(OldNames):
     def unspecialized(self) -> Material:
         """The material that a specialized one was made from; the same if it is not specialized."""
         report = {key: value for key, value in self.report.items() if key not in SpecializeReport.__annotations__}
-        brdf = dataclasses.replace(self.brdf, distilled=())
-        params = self.exact_params or self.params
-        return dataclasses.replace(self, brdf=brdf, params=params, exact_params=None, report=report)
+        params, reference = self.params, self.brdf.reference
+        if self.exact_params:
+            params, reference = self.exact_params, self.exact_reference
+            reference = None if reference == _roughnesses(params) else reference
+        brdf = dataclasses.replace(self.brdf, distilled=(), reference=reference)
+        return dataclasses.replace(
+            self, brdf=brdf, params=params, exact_params=None, exact_reference=None, report=report
+        )
 
     def show(self) -> str:
         """A text: equation, parameters, report."""
@@ -318,6 +331,10 @@ def load_material(path: str | Path) -> Material:
     >>> load_material("gold.bsdf")  # doctest: +SKIP
     """
     return Material.load(path)
+
+
+def _roughnesses(params: Mapping[str, np.ndarray]) -> dict[str, float]:
+    return {name: float(v[0]) for name, v in params.items() if name.startswith("alpha_")}
 
 
 def refuse_trunk(material: Material, where: str) -> None:

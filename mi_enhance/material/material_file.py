@@ -95,6 +95,8 @@ def describe(material: Material) -> dict:
         "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
         "parameters": [[p.name, p.size] for p in brdf.parameters],
         **({"compact": [c.describe() for c in brdf.distilled]} if brdf.distilled else {}),
+        **({"reference": dict(brdf.reference)} if brdf.reference else {}),
+        **({"exact_reference": material.exact_reference} if material.exact_reference else {}),
         "lobe_albedo": material.lobe_albedo,
         "energy": material.bound_energy,
         **({"mixture": material.mixture._asdict()} if material.mixture else {}),
@@ -231,8 +233,10 @@ def _fields(
     lobe_albedo = description.get("lobe_albedo")
     if not isinstance(lobe_albedo, (int, float)) or not 0 <= lobe_albedo < 1e30:
         raise ValueError(f"{where}: lobe_albedo must be a number of at least 0; got {lobe_albedo!r}. Save it again.")
+    reference = _reference(description, "reference", brdf, where)
     return {
-        "brdf": brdf,
+        "brdf": dataclasses.replace(brdf, reference=reference) if reference else brdf,
+        "exact_reference": _reference(description, "exact_reference", brdf, where),
         "params": values,
         "report": _typed(description, "report", {}, "an object { ... }", where),
         "library": library,
@@ -240,6 +244,16 @@ def _fields(
         "bound_energy": _typed(description, "energy", False, "true or false", where),
         "mixture": _mixture(description, brdf, where),
     }
+
+
+def _reference(description: Mapping, key: str, brdf: EnhancedBRDF, where: str) -> dict[str, float] | None:
+    """Return the roughnesses at which factors were learned, if the material was edited since."""
+    found = _typed(description, key, {}, "an object { ... }", where)
+    own = {p.name: p for p in brdf.parameters if p.name.startswith("alpha_")}
+    for name, v in found.items():
+        if name not in own or not isinstance(v, (int, float)) or not own[name].low * 0.99 <= v <= own[name].high * 1.01:
+            raise ValueError(f"{where}: {key} holds {name} {v!r}; roughnesses of the model are needed. Save it again.")
+    return {name: float(v) for name, v in found.items()} or None
 
 
 def _typed(description: Mapping, key: str, default: Any, what: str, where: str) -> Any:

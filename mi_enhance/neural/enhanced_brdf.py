@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..analytic import geometry, parameters
+from ..analytic import geometry, lobes, parameters
 from ..analytic.graph import Node
 from ..analytic.models.model import Model
 from ..analytic.parameters import MAX_LOG
@@ -48,6 +48,9 @@ class EnhancedBRDF:
     distilled : tuple of DistilledNetwork
         Small networks that replace `modules` for one set of parameters, see
         :mod:`mi_enhance.specialization.specialize`.
+    reference : dict of str to float, optional
+        Roughnesses at which factors in RGB were learned, if the material was edited to others: networks then see the
+        half vector where it stood, relative to the lobe of their slot, and never an angle that they have not learned.
     """
 
     model: Model
@@ -56,6 +59,7 @@ class EnhancedBRDF:
     inputs: InputKind = "symmetric"
     trunk: Trunk | None = None
     distilled: tuple[DistilledNetwork, ...] = ()
+    reference: Mapping[str, float] | None = None
 
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
@@ -260,16 +264,35 @@ class EnhancedBRDF:
             slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
         }
         if self.trunk and NAME in self.evaluated:
-            units = self.units(record, wi, wo, evaluators, folded)
-            numbers = [v for slot in self.read_slots for v in record["read_out"][self.trunk.numbers_of(slot)]]
-            functions |= self.scaled(self.read_slots, read_out(units, numbers))
+            for group in self._groups(self.read_slots):
+                units = self.units(self._as_learned(record, group), wi, wo, evaluators, folded)
+                numbers = [v for slot in group for v in record["read_out"][self.trunk.numbers_of(slot)]]
+                functions |= self.scaled(group, read_out(units, numbers))
         for c in self.distilled:
             if c.channels == 3:
-                functions |= self.scaled(c.slots, c(record))
+                for group in self._groups(c.slots):
+                    part = c.without(set(c.slots) - set(group), ())
+                    functions |= self.scaled(group, part(self._as_learned(record, group))) if part else {}
                 continue
             values = [_exp(y, limits.get(slot, MAX_LOG)) for slot, y in zip(c.slots, c(record), strict=True)]
             functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
         return functions
+
+    def _groups(self, slots: Sequence[str]) -> list[tuple[str, ...]]:
+        """Return the slots that see the same angles: all, but for a material whose roughness was edited."""
+        return [tuple(slots)] if self.reference is None else [(slot,) for slot in slots]
+
+    def _as_learned(self, record: Mapping, group: Sequence[str]) -> Mapping:
+        """Return the record as a slot saw it before the roughness was edited; the record itself if it was not."""
+        if self.reference is None:
+            return record
+        known = {name: mi.Float(v) for name, v in self.reference.items() if name in record}
+        lobe, h = lobes.of_slot(group[0]), record["h"]
+        # Only terms of a lobe move with it, and only where it became wider (1): a narrower one holds no new angles.
+        if lobe.alpha_x in known and any(n.startswith("alpha") for n in self.model.graph.find(group[0]).inputs):
+            x, y = (c * dr.minimum(known[a] / record[a], 1) for c, a in ((h.x, lobe.alpha_x), (h.y, lobe.alpha_y)))
+            h = mi.Vector3f(x, y, dr.safe_sqrt(1 - x * x - y * y))
+        return {**record, **known, "h": h}
 
     def units(self, record: Mapping, wi: Any, wo: Any, evaluators: Evaluators, folded: Mapping) -> list[mi.Float]:
         """Return the units of the trunk before the leaky ReLU; arguments as :meth:`replacements`."""
