@@ -21,8 +21,8 @@ def add(subparsers: arguments.Subparsers) -> None:
         "--own-network",
         choices=("auto", "always", "never"),
         default="auto",
-        help="give the material a small network of its own, which renders almost as fast as GGX: if it is better on samples "
-        "that it did not see, always, or never (default: auto)",
+        help="give the material a small network of its own, which renders almost as fast as GGX: if it is better on "
+        "samples that it did not see, always, or never (default: auto)",
     )
     p.add_argument("--reciprocal", action="store_true", help="f(wi, wo) = f(wo, wi), even where the file is not")
     p.add_argument(

@@ -37,8 +37,8 @@ def fit_best(
         A network with a trunk (``Material.pretrained()``); any other, and an analytic model, is only fitted.
     measurements : Measurements
     own : {"auto", "always", "never"}
-        A small network of its own, which renders almost as fast as GGX: if it is better on samples that were not learned,
-        always, or never.
+        A small network of its own, which renders almost as fast as GGX: if it is better on samples that were not
+        learned, always, or never.
     size : int
         Hidden units of both layers of that network.
     reciprocal, bound_energy, seed, progress
