@@ -42,23 +42,23 @@ class Space:
             dataclasses.replace(p, low=p.initial, high=p.initial) if p.fixed or p.name in hold else p
             for p in parameters
         ]
-        self.log = np.concatenate([np.full(p.size, p.log) for p in parameters])
+        self._log = np.concatenate([np.full(p.size, p.log) for p in parameters])
         self.low = self.to_free(np.concatenate([np.full(p.size, p.low) for p in parameters]))
         self.high = self.to_free(np.concatenate([np.full(p.size, p.high) for p in parameters]))
 
     def to_free(self, physical: np.ndarray) -> np.ndarray:
         """Map physical values, (..., P), to free ones."""
-        return np.where(self.log, np.log(np.where(self.log, physical, 1)), physical)
+        return np.where(self._log, np.log(np.where(self._log, physical, 1)), physical)
 
     def to_physical(self, free: Any) -> Any:
         """Map free values to physical ones: an array (..., P), or a list of P Dr.Jit arrays."""
         if isinstance(free, np.ndarray):
-            return np.where(self.log, np.exp(np.where(self.log, free, 0)), free)
-        return [dr.exp(v) if log else v for v, log in zip(free, self.log, strict=True)]
+            return np.where(self._log, np.exp(np.where(self._log, free, 0)), free)
+        return [dr.exp(v) if log else v for v, log in zip(free, self._log, strict=True)]
 
     def slope(self, free: np.ndarray) -> np.ndarray:
         """Return the derivatives of the physical values, (..., P), with respect to the free ones."""
-        return np.where(self.log, self.to_physical(free), 1.0)
+        return np.where(self._log, self.to_physical(free), 1.0)
 
 
 @dataclasses.dataclass(frozen=True)

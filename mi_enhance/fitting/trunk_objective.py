@@ -13,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic import geometry, parameters
+from ..analytic.parameter_space import Space
 from ..neural import trainable
 from ..neural import trunk as trunk_module
 from ..neural.enhanced_brdf import EnhancedBRDF
@@ -31,6 +32,7 @@ class TrunkObjective(Objective):
         super().__init__(brdf, wi, wo, f, n, trainable.fused(brdf.networks) if evaluators is None else evaluators)
         self.trunk = cast(Trunk, brdf.trunk)
         self._rest = brdf.parameters[:-1]  # all but the read-out
+        self._rest_space = Space(self._rest)
         self.n_rest = parameters.count(self._rest)
 
     def residuals(self, u: np.ndarray) -> list[mi.Float]:
@@ -39,9 +41,7 @@ class TrunkObjective(Objective):
             leaves, record, above, units = self._units(u)
             phi = self._matrix(columns.pack(units), len(units))
             logs = self._logs(u, phi)
-            return self._residual(
-                self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record) & above
-            )
+            return self._residual(self._f(record, logs) & above)
 
     def normal_equations(self, u: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See :meth:`Objective.normal_equations`."""
@@ -78,16 +78,12 @@ class TrunkObjective(Objective):
         leaves = self._lanes(u[:, : self.n_rest])
         if grad:
             dr.enable_grad(leaves)
-        values = self._to_physical(leaves)
-        params = parameters.unflatten(self._rest, values)
+        params = parameters.unflatten(self._rest, self._rest_space.to_physical(leaves))
         q, above = geometry.local_quantities(self.wi, self.wo, params)
         record = {**q, **params}
         folded = {NAME: self.evaluators[NAME].fold(params["latent"])}
         units = self.brdf.units(record, self.wi, self.wo, self.evaluators, folded)
         return leaves, record, above, trunk_module.active(units)
-
-    def _to_physical(self, leaves: list) -> list:
-        return [dr.exp(v) if log else v for v, log in zip(leaves, self.space.log, strict=False)]
 
     def _matrix(self, packed: mi.Float, n_columns: int) -> np.ndarray:
         """Return columns of all lanes as an array (problems, columns, samples)."""
@@ -97,13 +93,11 @@ class TrunkObjective(Objective):
         """Return the logarithms of the factors."""
         read = self.trunk.matrix(u[:, self.n_rest :].astype(np.float32))
         y = np.matmul(read[:, :, :-1], phi) + read[:, :, -1:]
-        buffer = mi.Float(np.ascontiguousarray(y.transpose(1, 0, 2)).ravel())
-        return columns.unpack(buffer, self.trunk.n_outputs)
+        return columns.lanes(y.transpose(1, 0, 2).reshape(self.trunk.n_outputs, -1))
 
     def _through(self, units: list, leaves: list, gradient: np.ndarray) -> np.ndarray:
         """Return what a gradient of the units, (problems, K, samples), is for the parameters that the trunk sees."""
-        buffer = mi.Float(np.ascontiguousarray(gradient.transpose(1, 0, 2)).ravel())
-        dr.set_grad(units, columns.unpack(buffer, len(units)))
+        dr.set_grad(units, columns.lanes(gradient.transpose(1, 0, 2).reshape(len(units), -1)))
         dr.enqueue(dr.ADMode.Backward, units)
         dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)
         result = dr.grad(leaves)

@@ -35,3 +35,14 @@ def unpack(buffer: mi.Float, n_columns: int) -> list[mi.Float]:
     n = len(buffer) // n_columns
     index = dr.arange(mi.UInt32, n)
     return [dr.gather(mi.Float, buffer, index + k * n) for k in range(n_columns)]
+
+
+def lanes(rows: np.ndarray) -> list[mi.Float]:
+    """Return the rows of an array (C, N) as C arrays of N lanes.
+
+    Examples
+    --------
+    >>> lanes(np.array([[1.0, 2.0], [3.0, 4.0]]))[1]
+    [3, 4]
+    """
+    return unpack(mi.Float(np.ascontiguousarray(rows, np.float32).ravel()), len(rows))

@@ -35,18 +35,9 @@ class FactorProblem:
         The factors, as :func:`factors_of` finds them.
     wi, wo : array (N, 3)
         Unit vectors.
-    truth : array (N, 3), optional
-        Measured f; the exact material's if left out.
     """
 
-    def __init__(
-        self,
-        material: Material,
-        slots: tuple[str, ...],
-        wi: np.ndarray,
-        wo: np.ndarray,
-        truth: np.ndarray | None = None,
-    ):
+    def __init__(self, material: Material, slots: tuple[str, ...], wi: np.ndarray, wo: np.ndarray):
         brdf, self.slots, n = material.brdf, slots, len(wi)
         params = material.as_drjit()
         evaluators = trainable.Trainable(brdf.modules)  # baked weights take long to compile outside of a virtual call
@@ -61,7 +52,6 @@ class FactorProblem:
         rest, *ones = (self._f(graph, record, active, n, slot) for slot in (None, *slots))
         self.rest, self.coefficients = rest, np.stack([f - rest for f in ones], 1)
         self.cos, self.exact = wo[:, 2:].astype(np.float64), rest + self._sum(self.logs)
-        self.truth = self.exact if truth is None else truth
         # derivative of log(1 + f cos), mean over the channels, with respect to the logarithm of a factor
         slopes = self._slopes(self.logs, self.exact, slice(None))
         self.weights = (slopes.mean(1) + _MIN_WEIGHT).astype(np.float32)
@@ -84,28 +74,18 @@ class FactorProblem:
         cos = self.cos[index]
         return np.einsum("nmc,nm,nc->ncm", self.coefficients[index], factor, cos / (1 + f * cos))
 
-    def error(self, compact: tuple[DistilledNetwork, ...] = ()) -> float:
-        """Return the mean absolute difference of log(1 + f cos) to the truth, by default of the exact material."""
-        f = self.exact
-        if compact:
-            logs = np.concatenate([distillation.forward(c.layers, self.columns(c.inputs)) for c in compact], 1)
-            order = [slot for c in compact for slot in c.slots]
-            f = self.rest + self._sum(logs[:, [order.index(slot) for slot in self.slots]])
-        return log_l1(f, self.truth, self.cos[:, 0])
+    def error(self, compact: tuple[DistilledNetwork, ...]) -> float:
+        """Return the mean absolute difference of log(1 + f cos) of small networks to the exact material."""
+        logs = np.concatenate([distillation.forward(c.layers, self.columns(c.inputs)) for c in compact], 1)
+        order = [slot for c in compact for slot in c.slots]
+        f = self.rest + self._sum(logs[:, [order.index(slot) for slot in self.slots]])
+        return log_l1(f, self.exact, self.cos[:, 0])
 
     def of_factors(self, logs: np.ndarray, index: slice) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals of the factors' logarithms, weighted by their effect on f, and their slopes."""
         w = self.weights[: len(logs)] if index == slice(None) else self.weights[index]
         target = self.logs[: len(logs)] if index == slice(None) else self.logs[index]
         return w * (logs - target), w[:, :, None] * np.eye(w.shape[1], dtype=np.float32)
-
-    def of_truth(self, logs: np.ndarray, index: slice) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals against the truth, and, little, against the exact factors; and their slopes."""
-        f = self.rest[index] + self._sum(logs, index)
-        r = (np.log1p(f * self.cos[index]) - np.log1p(self.truth[index] * self.cos[index])) / 3
-        anchor = _MIN_WEIGHT * (logs - self.logs[index])
-        eye = np.broadcast_to(_MIN_WEIGHT * np.eye(logs.shape[1]), (len(logs), logs.shape[1], logs.shape[1]))
-        return np.append(r, anchor, 1), np.append(self._slopes(logs, f, index) / 3, eye, 1)
 
 
 def factors_of(brdf: EnhancedBRDF) -> tuple[str, ...]:

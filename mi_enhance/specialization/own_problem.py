@@ -12,12 +12,13 @@ import numpy as np
 from ..analytic import geometry, parameters
 from ..analytic.models.model import Model
 from ..analytic.parameter_space import Space
-from ..analytic.parameters import ASYMMETRY, MAX_LOG
+from ..analytic.parameters import ASYMMETRY
 from ..fitting.objective import _gradient
+from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.inputs import named
-from ..neural.mlp import SLOPE
 from ..numerics import columns
 from ..numerics.arrays import vector3f
+from .distillation import _forward
 
 _BLOCK = 1024  # samples per product: their Jacobian of some hundred unknowns stays in the cache
 _CHANNELS = 3
@@ -120,19 +121,12 @@ class OwnProblem:
         return leaves, record, above, [features[name] + dr.zeros(mi.Float, self.n) for name in self.inputs]
 
     def f(self, record, above, logs) -> Any:
-        functions = {}
-        for k, slot in enumerate(self.slots):
-            factor = mi.Color3f(*(dr.exp(dr.clip(v, -MAX_LOG, MAX_LOG)) for v in logs[3 * k : 3 * k + 3]))
-            node = self.model.graph.find(slot)
-            functions[slot] = lambda r, node=node, factor=factor: node(r) * factor
+        functions = EnhancedBRDF(self.model, {}).scaled(self.slots, logs)
         return mi.Color3f(self.model.graph.replace(functions)(record)) & above
 
     def _x(self, features) -> np.ndarray:
         x = columns.matrix(columns.pack(features), len(features)).T
         return ((x - self.mean) / self.std).astype(np.float32)
-
-    def _logs(self, y: np.ndarray) -> list:
-        return columns.unpack(mi.Float(np.ascontiguousarray(y.T).ravel()), y.shape[1])
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Return the differences of the logarithms, (3, N)."""
@@ -140,7 +134,7 @@ class OwnProblem:
         with dr.suspend_grad():
             _, record, above, features = self._start(free, grad=False)
             y = _forward(layers, self._x(features))[0]
-            f = self.f(record, above, self._logs(y))
+            f = self.f(record, above, columns.lanes(y.T))
             return self.truth - np.log1p(columns.matrix(columns.pack(list(f)), 3) * self.cos)
 
     def loss(self, u: np.ndarray) -> np.ndarray:
@@ -154,7 +148,7 @@ class OwnProblem:
         leaves, record, above, features = self._start(free, grad=True)
         x = self._x(features)
         y, kept = _forward(layers, x)
-        logs = self._logs(y)
+        logs = columns.lanes(y.T)
         dr.enable_grad(logs)
         f = self.f(record, above, logs)
         r = [dr.log(1 + c * self.wo.z) for c in f]
@@ -206,8 +200,7 @@ class OwnProblem:
 
     def _through(self, features, leaves, dx: np.ndarray) -> np.ndarray:
         """Return the gradient of the parameters, (N, P), for that of the features, (N, inputs)."""
-        buffer = mi.Float(np.ascontiguousarray(dx.T.astype(np.float32)).ravel())
-        for v, seed in zip(features, columns.unpack(buffer, len(features)), strict=True):
+        for v, seed in zip(features, columns.lanes(dx.T), strict=True):
             if dr.grad_enabled(v):
                 dr.set_grad(v, seed)
                 dr.enqueue(dr.ADMode.Backward, v)
@@ -216,17 +209,6 @@ class OwnProblem:
         dr.clear_grad(leaves)
         dr.clear_grad(features)
         return columns.matrix(columns.pack(result), len(result)).T
-
-
-def _forward(layers, x: np.ndarray) -> tuple[np.ndarray, list]:
-    """Return the outputs, and for every layer what it sees and the slopes of its units."""
-    kept = []
-    for w, b in layers:
-        z = x @ w.T + b
-        slope = np.where(z > 0, np.float32(1), np.float32(SLOPE))
-        kept.append((x, slope))
-        x = np.concatenate([x, z * slope], 1)
-    return z, kept
 
 
 def _backward(layers, kept, dy: np.ndarray, c: int) -> tuple[list[np.ndarray], np.ndarray]:
