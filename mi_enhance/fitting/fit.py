@@ -191,8 +191,9 @@ def _search(
     best, losses = multistart.minimize(
         samples, brdf, only, u, stages[: last + 1], space=space, known=known, tolerance=_TOLERANCE, report=report
     )
-    loss = samples.problem(brdf, only).loss(best) if (stages[last].n_samples or 0) < samples.n else losses
-    return space.to_physical(best[0]), float(loss[0])
+    if (stages[last].n_samples or samples.n) < samples.n:  # else the last stage has seen them all
+        losses = samples.problem(brdf, only).loss(best)
+    return space.to_physical(best[0]), float(losses[0])
 
 
 def with_bounded_energy(material: Material, measurements: Measurements) -> Material:
