@@ -36,7 +36,7 @@ _NEAREST, _SCREEN = 28, 1024  # training materials to start from, besides the an
 _STAGES = (Stage(1024, None, 12), Stage(2048, 12, 15), Stage(8192, 3, 36), Stage(None, 1, 15))
 # A read-out starts at the analytic model, and a step of its hundreds of numbers takes longer: fewer starts.
 _NEAREST_READ_OUTS = 3
-_READ_OUT_STAGES = (Stage(1024, None, 8), Stage(4096, 2, 12), Stage(16384, 1, 15), Stage(1 << 15, 1, 6))
+_READ_OUT_STAGES = (Stage(1024, None, 8), Stage(4096, 2, 12), Stage(1 << 15, 1, 20))
 _TOLERANCE = 3e-4  # a share of the loss; the last stage has all samples, so no other one needs more
 
 
