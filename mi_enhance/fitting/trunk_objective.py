@@ -79,8 +79,8 @@ class TrunkObjective(Objective):
             g[:, indices[c]] += np.append(np.matmul(direct, pull), linear.reshape(b, -1, 1), 1)[:, :, 0]
             for k, first in itertools.product(range(b), range(0, some, _BLOCK)):
                 part = slice(first, min(first + _BLOCK, some))
-                rows = direct[k][:, part], slopes[k][:, part], phi[k][:, part], np.sqrt(1 / smooth[k, 0, part])
-                parts.append((c, k, rows))
+                scale = np.sqrt(1 / smooth[k, 0, part])
+                parts.append((c, k, (direct[k][:, part], slopes[k][:, part], phi[k][:, part], scale)))
         for (c, k, _), product in zip(parts, in_threads(lambda v: _product(*v[2]), parts), strict=True):
             h[k][np.ix_(indices[c], indices[c])] += product * (n / some)
         return h / (3 * n), g / (3 * n), total / (3 * n)
