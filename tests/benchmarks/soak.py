@@ -142,7 +142,7 @@ def row(load: str, milliseconds: list[float], megabytes: list[float]) -> dict:
         "load": load,
         "n": len(milliseconds),
         "first_ms": milliseconds[0],
-        "early_ms": float(np.median(milliseconds[early])),
+        "early_ms": float(np.median(milliseconds[early] or np.nan)),
         "late_ms": float(np.median(milliseconds[late])),
         "early_mb": megabytes[min(99, len(megabytes) - 1)],
         "late_mb": megabytes[-1],
@@ -197,6 +197,7 @@ def main() -> None:
         found[load] = values
         print(row(load, *values), flush=True)
     rows = [row(load, *values) for load, values in found.items()]
+    Path(args.output).mkdir(parents=True, exist_ok=True)
     write_table(rows, Path(args.output) / "soak", COLUMNS)
     if args.plot:
         draw(args.plot, found)
