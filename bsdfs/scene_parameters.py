@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import dataclasses
+import weakref
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
@@ -55,6 +56,12 @@ class LatentMap(mi.Texture):
         return f"LatentMap[{self.m_texture.shape}]"
 
 
+# Materials whose read-outs are constants of a function of their own, which takes up to a second to compile; the rest of
+# the living share one.
+_MOST_LITERAL = 8
+_literal: weakref.WeakSet[SceneParameters] = weakref.WeakSet()
+
+
 def held(p: Parameter, value):
     """Return a value, or a list of them, held in the range of its parameter.
 
@@ -83,6 +90,7 @@ class SceneParameters:
     values: dict[str, Any]  # as they were put in
     textures: dict[str, Any]
     inside: dict[str, Any]  # the values held in range, of the last update
+    literal: dict[str, Any]  # numbers of those that are constants of the compiled function, of the last update
     spectra: dict[str, tuple[mi.Texture, float]]  # the colours among the values, in spectral variants
 
     def __init__(self, props: Any, material: Material, where: str):
@@ -92,6 +100,7 @@ class SceneParameters:
         self._hidden = self._hidden if material.brdf.distilled else set()
         self._colours = [p.name for p in material.brdf.parameters if p.is_colour]
         self.values, self.textures, self.inside, self.spectra = {}, _maps(props, material), {}, {}
+        self.literal = {}
         for p in material.brdf.parameters:
             self._read(props, p, material.params[p.name], where)
 
@@ -146,6 +155,14 @@ class SceneParameters:
                 dr.make_opaque(value)
         self.inside = {name: held(self._parameters[name], dr.detach(v)) for name, v in self.values.items()}
         dr.make_opaque({name: v for name, v in self.inside.items() if name not in left_out})
+        self.literal = {}
+        # As data, each of the hundreds of numbers would be gathered for every lane, which takes ten times as long.
+        # While a function is recorded no value can be looked at.
+        _literal.discard(self)
+        few = len(_literal) < _MOST_LITERAL
+        if "read_out" in self.inside and few and not dr.flag(dr.JitFlag.FreezingScope):
+            _literal.add(self)
+            self.literal["read_out"] = [mi.Float(v) for v in self.inside["read_out"].numpy().tolist()]
         if mi.is_spectral:
             self.spectra = {
                 name: _upsample(mi.Color3f(self.inside[name])) for name in self._colours if name in self.values
@@ -155,6 +172,9 @@ class SceneParameters:
         """Return the parameters that are the same everywhere, with RGB colours, held in range."""
         result = {}
         for name, value in self.values.items():
+            if name in self.literal and not dr.grad_enabled(value):
+                result[name] = self.literal[name]
+                continue
             v: Any = value if dr.grad_enabled(value) else self.inside[name]
             # latent numbers apart before anything else: within a symbolic call lanes of their own are gathered
             if self._parameters[name].kind == "latent":

@@ -6,6 +6,7 @@ number per factor. It is made by matrix products and never passes through automa
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, cast
 
 import drjit as dr
@@ -19,10 +20,12 @@ from ..neural import trunk as trunk_module
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.trunk import NAME, Trunk
 from ..numerics import columns
+from ..numerics.threads import in_threads
 from .objective import Objective, _gradient
 
 # Samples per float32 product; products are added in float64.
 _BLOCK = 4096
+_CURVATURE = 8192  # samples whose products say how far a step goes; all of them say where to
 
 
 class TrunkObjective(Objective):
@@ -60,14 +63,26 @@ class TrunkObjective(Objective):
         read = trunk.matrix(u[:, self.n_rest :].astype(np.float32))
         h = np.zeros((b, u.shape[1], u.shape[1]))
         g, total = np.zeros(u.shape), np.zeros(b)
+        ones = np.ones((b, 1, n), np.float32)
         place = self.n_rest + np.arange(trunk.size).reshape(n_slots, trunk.channels, -1)
+        some = min(n, _CURVATURE)
+        parts, indices = [], []
         for c in range(3):
             direct, slopes, value = np.split(found[:, c], [self.n_rest, n_rows - 1], axis=1)
             own = read[:, c :: trunk.channels, :-1] if trunk.channels == 3 else read[:, :, :-1]
             direct = direct + self._through(units, leaves, np.matmul(own.transpose(0, 2, 1), slopes))
-            index = np.append(np.arange(self.n_rest), place[:, c if trunk.channels == 3 else 0])
-            for k in range(b):
-                total[k] += _accumulate(h[k], g[k], index, direct[k], slopes[k], phi[k], value[k, 0], epsilon[k])
+            indices.append(np.append(np.arange(self.n_rest), place[:, c if trunk.channels == 3 else 0]))
+            smooth = np.sqrt(np.square(value) + np.square(epsilon, dtype=np.float32)[:, None, None])
+            total += smooth.sum((1, 2), dtype=np.float64)
+            pull = (value / smooth).transpose(0, 2, 1)
+            linear = np.matmul(slopes * pull.transpose(0, 2, 1), np.append(phi, ones, 1).transpose(0, 2, 1))
+            g[:, indices[c]] += np.append(np.matmul(direct, pull), linear.reshape(b, -1, 1), 1)[:, :, 0]
+            for k, first in itertools.product(range(b), range(0, some, _BLOCK)):
+                part = slice(first, min(first + _BLOCK, some))
+                scale = np.sqrt(1 / smooth[k, 0, part])
+                parts.append((c, k, (direct[k][:, part], slopes[k][:, part], phi[k][:, part], scale)))
+        for (c, k, _), product in zip(parts, in_threads(lambda v: _product(*v[2]), parts), strict=True):
+            h[k][np.ix_(indices[c], indices[c])] += product * (n / some)
         return h / (3 * n), g / (3 * n), total / (3 * n)
 
     def _f(self, record: dict, logs: list) -> Any:
@@ -106,20 +121,9 @@ class TrunkObjective(Objective):
         return self._matrix(columns.pack(result), len(result))
 
 
-def _accumulate(h, g, index, direct, slopes, phi, value, epsilon) -> float:
-    """Add one channel of one problem to the normal equations; return the sum of the smooth loss."""
-    ones = np.ones((1, _BLOCK), np.float32)
-    total = 0.0
-    for k in range(0, len(value), _BLOCK):
-        part = slice(k, k + _BLOCK)
-        v = value[part]
-        smooth = np.sqrt(v * v + np.float32(epsilon) ** 2)
-        scale = 1 / np.sqrt(smooth)
-        seen = np.concatenate([phi[:, part], ones[:, : len(v)]])
-        linear = ((slopes[:, part] * scale)[:, None] * seen).reshape(-1, len(v))
-        rows = np.concatenate([direct[:, part] * scale, linear, (v * scale)[None]])
-        product = (rows @ rows.T).astype(np.float64)
-        h[np.ix_(index, index)] += product[:-1, :-1]
-        g[index] += product[:-1, -1]
-        total += float(smooth.sum())
-    return total
+def _product(direct, slopes, phi, scale) -> np.ndarray:
+    """Return the products of all pairs of weighted rows."""
+    seen = np.append(phi, np.ones((1, len(scale)), np.float32), 0)
+    linear = ((slopes * scale)[:, None] * seen).reshape(-1, len(scale))
+    rows = np.append(direct * scale, linear, 0)
+    return (rows @ rows.T).astype(np.float64)

@@ -156,9 +156,8 @@ def _albedos(material: Material, sine: float = 1.0) -> list[tuple[np.ndarray, np
     wo, density = albedo.draw(wi, params, even, u[2:], brdf.model)
     graph, record, active = brdf.prepare(wi, wo, params, fused(brdf.networks))
 
-    def mean(node):
-        value = [dr.mean(dr.select(active, albedo.reflected(c, wo, density), 0)) for c in mi.Color3f(node(record))]
-        return np.array([float(v[0]) for v in value])
-
-    pairs = zip(_parts(graph, "+"), _parts(brdf.model.graph, "+"), strict=True)
-    return [(mean(enhanced), mean(analytic)) for enhanced, analytic in pairs]
+    terms = [node(record) for g in (graph, brdf.model.graph) for node in _parts(g, "+")]
+    values = [dr.select(active, albedo.reflected(c, wo, density), 0) for f in terms for c in mi.Color3f(f)]
+    dr.eval(values)  # together: each alone would take the networks again
+    means = np.array([dr.mean(v)[0] for v in values], np.float64).reshape(2, -1, 3)
+    return list(zip(*means, strict=True))

@@ -18,10 +18,13 @@ from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.inputs import named
 from ..numerics import columns
 from ..numerics.arrays import vector3f
+from ..numerics.threads import in_threads
 from .distillation import _forward
 
 _BLOCK = 1024  # samples per product: their Jacobian of some hundred unknowns stays in the cache
 _CHANNELS = 3
+_PART = 4096  # samples that one thread takes
+_CURVATURE = 8192  # samples whose products say how far a step goes; all of them say where to
 _LARGEST_WEIGHT = 30.0  # keeps a fit from running away along a direction the data says nothing about
 
 
@@ -159,31 +162,28 @@ class OwnProblem:
         found = columns.matrix(columns.pack(rows), len(rows)).reshape(_CHANNELS, 1 + n_p + n_s, self.n)
         p, q = u.shape[1], self.moving.shape[1]
         h, g, total = np.zeros((p, p)), np.zeros(p), 0.0
+        some = min(self.n, _CURVATURE)
         moving = self.moving.astype(np.float32)
         places = self._places(q)
+        indices, parts = [], []
         for c in range(_CHANNELS):
             value = found[c, 0] - self.truth[c]
             direct, dy = found[c, 1 : 1 + n_p].T, found[c, 1 + n_p :].T
             deltas, dx = _backward(layers, kept, dy, c)
-            direct = direct + self._through(features, leaves, dx / self.std)
-            direct = direct @ moving
-            index = np.concatenate([np.arange(q), places[c]])
+            direct = (direct + self._through(features, leaves, dx / self.std)) @ moving
+            indices.append(np.concatenate([np.arange(q), places[c]]))
             smooth = np.sqrt(value * value + np.float32(epsilon[0]) ** 2)
-            scale = np.sqrt(self.weights / smooth)
             total += float((smooth * self.weights).sum(dtype=np.float64))
-            hc, gc = np.zeros((len(index), len(index))), np.zeros(len(index))
-            for k in range(0, self.n, _BLOCK):
-                part = slice(k, k + _BLOCK)
-                s = scale[part, None]
-                rows_ = [direct[part] * s]
-                for (seen, _), dz in zip(kept, deltas, strict=True):
-                    d = dz[part] * s
-                    rows_ += [(d[:, :, None] * seen[part][:, None, :]).reshape(len(d), -1), d]
-                a = np.concatenate(rows_, axis=1)
-                hc += a.T @ a
-                gc += (value[part] * scale[part]) @ a
-            h[np.ix_(index, index)] += hc
-            g[index] += gc
+            weight = self.weights / smooth
+            pairs = [(np.ones((self.n, 1), np.float32), direct)]
+            for (seen, _), dz in zip(kept, deltas, strict=True):
+                pairs += [(seen, dz), (pairs[0][0], dz)]
+            pull = (weight * value)[:, None]
+            g[indices[c]] += np.concatenate([((d * pull).T @ seen).ravel() for seen, d in pairs])
+            for part in range(0, some, _PART):
+                parts.append((c, pairs, weight, slice(part, min(part + _PART, some))))
+        for (c, *_), hc in zip(parts, in_threads(lambda v: _products(*v[1:]), parts), strict=True):
+            h[np.ix_(indices[c], indices[c])] += hc * (self.weights.sum() / self.weights[:some].sum())
         n = _CHANNELS * self.weights.sum()
         return h[None] / n, g[None] / n, np.array([total / n])
 
@@ -209,6 +209,19 @@ class OwnProblem:
         dr.clear_grad(leaves)
         dr.clear_grad(features)
         return columns.matrix(columns.pack(result), len(result)).T
+
+
+def _products(pairs, weight, rows: slice) -> np.ndarray:
+    """Return J^T J of some samples; J is made of the products of all columns of each pair."""
+    h: Any = 0.0
+    for k in range(rows.start, rows.stop, _BLOCK):
+        part = slice(k, min(k + _BLOCK, rows.stop))
+        s = np.sqrt(weight[part])[:, None]
+        a = np.concatenate(
+            [((d[part] * s)[:, :, None] * seen[part][:, None, :]).reshape(len(s), -1) for seen, d in pairs], axis=1
+        )
+        h = h + a.T @ a
+    return h
 
 
 def _backward(layers, kept, dy: np.ndarray, c: int) -> tuple[list[np.ndarray], np.ndarray]:

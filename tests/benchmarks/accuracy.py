@@ -9,9 +9,10 @@ Four errors of each fit, all eq. (1) of the paper as a mean, over the samples of
 - both *below 80 degrees*: only samples with both directions less than 80 degrees from the normal; beyond, the files are
   extrapolated.
 
-``--render`` holds renders of the Standard Shader Ball against the file's own (``image_metrics.py``): for every
-material ``comparison.png`` (all models) and ``short.png``; ``best.png``, ``worst.png`` with three materials each. What
-is no BSDF of ours is rendered from a table (``tabulated.py``).
+``--render`` holds renders of the Standard Shader Ball and of a sphere under an environment map against the file's own
+(``image_metrics.py``; *brightness*: mean luminance of the object's pixels to that of the file): for every material
+``comparison.png`` (all models) and ``short.png``; ``best.png``, ``worst.png`` with three materials each. What is no
+BSDF of ours is rendered from a table (``tabulated.py``).
 
 Writes into the folder of ``-o``: ``accuracy.csv``, ``.json``, ``.md`` (one row per model: means, ratios of the means to
 GGX, the worst material), ``materials.*`` (one row per material and model), and a folder for every material with its
@@ -20,6 +21,7 @@ fits and renders, from which an interrupted run goes on.
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import mi_enhance  # noqa: F401  (first: it finds the LLVM that Dr.Jit then loads)
@@ -45,7 +47,16 @@ _ERRORS = {
     "log_l1_reciprocal_80": "reciprocal < 80°",
 }
 _JUDGED = "log_l1_80"  # the error that ratios of single materials are about
-_RENDERED = {"ssim": ("SSIM", ".4f"), "delta_E_ITP_1000": ("ΔE ITP x1000", ".2f")}
+_SCENES = {"ball": "shader_ball", "sphere": "sphere_envmap"}
+_RENDERED = {
+    f"{key}_{name}": (f"{name}: {text}", form)
+    for name in _SCENES
+    for key, text, form in (
+        ("ssim", "SSIM", ".4f"),
+        ("delta_E_ITP_1000", "ΔE ITP x1000", ".2f"),
+        ("brightness", "brightness", ".4f"),
+    )
+}
 _COSTS = {
     "n_parameters": ("parameters", ",.0f"),
     "bytes": ("bytes", ",.0f"),
@@ -132,15 +143,23 @@ def _row(rival: rivals.Rival, measurements: data.Measurements, path, folder: Pat
 def _render(args, path, measurements, folder: Path, contenders: list[rivals.Rival], rows: list[dict]) -> None:
     """Add the image errors to the rows, and draw truth and models side by side."""
     lobe = contenders[0].fit(measurements, folder).material
-    truth = _image(args, folder / f"measured-{args.seed}", lambda: {"type": "measured", "filename": str(path)})
-    tiles = []
-    for rival, row in zip(contenders, rows, strict=True):
-        fitted = rival.fit(measurements, folder)
-        if fitted:
-            image = _image(args, rival.stem(measurements, folder), lambda fitted=fitted: _bsdf(fitted, lobe))
-            error = image_metrics.delta_E_ITP_map(image, truth)
-            row |= {"ssim": image_metrics.ssim(image, truth), "delta_E_ITP_1000": 1000 * float(np.mean(error))}
-            tiles.append({**row, "image": image, "error": error})
+    tiles, stem = [], folder / f"measured-{args.seed}"
+    measured = functools.partial(mi.load_dict, {"type": "measured", "filename": str(path)})
+    truths = {name: _image(args, name, stem, measured) for name in _SCENES}
+    for name, truth in truths.items():
+        mask = _object(name, args.resolution)
+        for rival, row in zip(contenders, rows, strict=True):
+            fitted = rival.fit(measurements, folder)
+            if fitted:
+                image = _image(args, name, rival.stem(measurements, folder), lambda fitted=fitted: _bsdf(fitted, lobe))
+                error = image_metrics.delta_E_ITP_map(image, truth)
+                row[f"ssim_{name}"] = image_metrics.ssim(image, truth)
+                row[f"delta_E_ITP_1000_{name}"] = 1000 * float(np.mean(error))
+                row[f"brightness_{name}"] = _luminance(image[mask]) / _luminance(truth[mask])
+                if name == "ball":
+                    shown = {"ssim": row["ssim_ball"], "delta_E_ITP_1000": row["delta_E_ITP_1000_ball"]}
+                    tiles.append({**row, **shown, "image": image, "error": error})
+    truth = truths["ball"]
     comparison_picture.draw(("measured", truth), tiles, folder / "comparison.png", title=measurements.name)
     # the reference, the network named first, and the rival that is trained for each material: what a page has room for
     network = next((row["label"] for row in rows if row["label"].startswith("enhanced")), None)
@@ -162,15 +181,32 @@ def _bsdf(fitted: rivals.Fitted, lobe: rivals.Material):
     return fitted.material.bsdf() if fitted.material else tabulated.bsdf(tabulated.tabulate(fitted.evaluate), lobe)
 
 
-def _image(args, stem: Path, make_bsdf) -> np.ndarray:
-    """A render of the shader ball, from the file that an earlier run has left or anew."""
-    file = stem.with_suffix(f".{args.resolution}-{args.spp}.exr")
+def _image(args, scene: str, stem: Path, make_bsdf) -> np.ndarray:
+    """A render of one of the scenes, from the file that an earlier run has left or anew."""
+    suffix = "" if scene == "ball" else f".{scene}"
+    file = stem.with_suffix(f"{suffix}.{args.resolution}-{args.spp}.exr")
     if not file.exists():
-        ball = scenes.shader_ball(make_bsdf(), resolution=args.resolution, spp=args.spp)
-        image = mi.Bitmap(np.array(mi.render(ball, spp=args.spp, seed=args.seed)))
+        loaded = scenes.load(_SCENES[scene], make_bsdf(), resolution=args.resolution, spp=args.spp)
+        image = mi.Bitmap(np.array(mi.render(loaded, spp=args.spp, seed=args.seed)))
         with replacing(file) as temporary:
             image.write(temporary)
     return np.array(mi.Bitmap(str(file)), np.float32)
+
+
+@functools.cache
+def _object(scene: str, resolution: int) -> np.ndarray:
+    """Return the pixels whose centre shows the material, (H, W)."""
+    bsdf = mi.load_dict({"type": "diffuse"})
+    loaded = scenes.load(_SCENES[scene], bsdf, resolution=resolution, spp=1)
+    y, x = (mi.Float(v.ravel().astype(np.float32)) for v in np.mgrid[:resolution, :resolution])
+    at = mi.Point2f(x + 0.5, y + 0.5) / resolution
+    ray, _ = loaded.sensors()[0].sample_ray_differential(0, 0.5, at, 0.5)
+    si = loaded.ray_intersect(ray)
+    return np.array(si.is_valid() & (si.bsdf() == mi.BSDFPtr(bsdf))).reshape(resolution, -1)
+
+
+def _luminance(pixels: np.ndarray) -> float:
+    return float(pixels.mean(0, dtype=np.float64) @ (0.2126, 0.7152, 0.0722))
 
 
 def errors(evaluate, measurements: data.Measurements, path) -> dict:
