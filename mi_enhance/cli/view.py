@@ -12,7 +12,7 @@ from .outputs import made, output_file
 
 
 def add(subparsers: arguments.Subparsers) -> None:
-    text = "show a material in the browser, beside its analytic model and a measurement: a ball in a room, sliders, figures"
+    text = "show a material in the browser beside its analytic model and a measurement: a ball, sliders, figures"
     p = arguments.command(subparsers, "view", text, run)
     p.add_argument("file", metavar="MAT.bsdf")
     p.add_argument("data", metavar="DATA", nargs="?", help=f"a measurement to be shown beside it: {arguments.MEASURED}")
