@@ -24,6 +24,7 @@ def add(subparsers: arguments.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> dict:
     output = output_file(args.output, (".html",), [args.file, args.data]) if args.output else None
+    arguments.require_data(args)
     arguments.set_variant(args.variant)
     from ..export.viewer import page
     from ..material.material import Material
