@@ -189,9 +189,7 @@ def measurements(args: argparse.Namespace, file: str | None = None) -> Measureme
 def require_data(args: argparse.Namespace) -> None:
     """Raise if ``--material`` names one of several measurements, and no file of them is given."""
     if args.material and not args.data:
-        raise ValueError(
-            f'--material: "{args.material}" is sought in a measured file, and none is given. Name it: DATA'
-        )
+        raise ValueError(f'--material: "{args.material}" is one of a measured file, and no DATA is given.')
 
 
 def model(name: str) -> Material:

@@ -84,7 +84,7 @@ def _coarse(faces: np.ndarray) -> np.ndarray:
     quadrilateral ends with the middle of the other edge. Corners are numbered first.
     """
     half = len(faces) // 2
-    corner, edge, middle, other = *faces[:half].T, faces[half:, 2]
+    (corner, edge, middle), other = faces[:half].T, faces[half:, 2]
     rows = np.argsort(middle, kind="stable").reshape(-1, 4)
     following = (other[rows][:, None, :] == edge[rows][:, :, None]).argmax(2)  # the quadrilateral behind the edge
     k, turn = np.arange(len(rows)), [np.zeros(len(rows), int)]

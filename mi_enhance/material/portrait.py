@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -40,19 +40,21 @@ def portrait(material: Material) -> np.ndarray:
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, _SIZE * _SIZE)
 
-    def spread(alpha: float) -> mi.Float:  # numbers of a pixel that lie evenly, each pixel's moved by another amount
+    def spread(alpha: float) -> Any:  # numbers of a pixel that lie evenly, each pixel's moved by another amount
         v = dr.gather(mi.Float, sampler.next_1d(), pixel) + k * alpha
         return v - dr.floor(v)
 
     x = (mi.Float(pixel % _SIZE) + spread(_STEPS[3])) * (2 / _SIZE) - 1
     y = 1 - (mi.Float(pixel // _SIZE) + spread(_STEPS[4])) * (2 / _SIZE)
-    inside = x * x + y * y < 1
+    inside: Any = x * x + y * y < 1
     n = mi.Vector3f(x, y, dr.safe_sqrt(1 - x * x - y * y))
     across = dr.normalize(mi.Vector3f(n.z + 1e-6, 0, -n.x))  # a tangent along the equator
     frame = mi.Frame3f(across, dr.cross(n, across), n)
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(lane))
     si.wi = frame.to_local(mi.Vector3f(0, 0, 1))
     point = mi.Point2f(spread(_STEPS[0]), spread(_STEPS[1]))
+    drawn: Any
+    weight: Any
     drawn, weight = material.bsdf().sample(mi.BSDFContext(), si, spread(_STEPS[2]), point, inside)
     colour = dr.select(inside, weight * _light(frame.to_world(drawn.wo)), 0)
     channels = [dr.block_sum(c, _SAMPLES) / _SAMPLES for c in (*colour, dr.select(inside, mi.Float(1), 0))]
@@ -62,7 +64,7 @@ def portrait(material: Material) -> np.ndarray:
     return np.round(255 * np.concatenate([np.nan_to_num(seen), coverage], 2)).astype(np.uint8)
 
 
-def _light(d: mi.Vector3f) -> mi.Float:
+def _light(d: mi.Vector3f) -> Any:
     """Return the radiance from a direction: a dark floor, a brighter ceiling, two soft boxes."""
     grey = 0.35 + 0.25 * d.y
     boxes = (((-0.6, 0.65, 0.5), 0.9, 5), ((0.85, 0.2, 0.45), 0.95, 3))  # towards, cosine of the radius, radiance
