@@ -28,7 +28,7 @@ from .registry import exporter
 
 _SIZE = (128, 64)  # of the environment map in the page
 _FILES = ("gl.js", "room.js", "viewer.js", "plots.js", "controls.js")  # in the order in which the page runs them
-_SHADERS = ("surface", "blocks", "trace", "show")
+_SHADERS = ("surface", "blocks", "trace", "keep", "show")
 
 
 @exporter(".html", about="A page for the browser: on a ball in a room, sliders, beside the analytic model")

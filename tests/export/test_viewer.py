@@ -30,7 +30,7 @@ const mean = (x = viewer.size / 2, y = viewer.size / 2) => {
   const gl = viewer.gl, v = new Float32Array(4 * 16 * 16);
   gl.bindFramebuffer(gl.FRAMEBUFFER, viewer.targets[viewer.frames % 2]);
   gl.readPixels(x - 8, y - 8, 16, 16, gl.RGBA, gl.FLOAT, v);
-  return [0, 1, 2].map(c => v.filter((_, k) => k % 4 == c).reduce((a, b) => a + b) / 256 / viewer.frames);
+  return [0, 1, 2].map(c => v.filter((_, k) => k % 4 == c).reduce((sum, x, k) => sum + x / v[4 * k + 3], 0) / 256);
 };
 const render = n => { viewer.frames = 0; for (let k = 0; k < n; k++) viewer.frame(); };
 const choose = (name, value) => {

@@ -1,11 +1,12 @@
 // A tile of the sum of all samples as a picture, or its error: the difference to the tile of another model.
 uniform sampler2D total;
-uniform float frames, exposure, scale;
+uniform float exposure, scale;
 uniform ivec2 corner;   // of the tile on the canvas
 uniform int tile, other, line;  // where the tiles begin in the sum; other < 0: no error; the line between models
 out vec4 colour;
 vec3 shown(ivec2 at) {
-  vec3 v = clamp(texelFetch(total, at, 0).rgb * (exp2(exposure) / frames), 0.0, 1.0);
+  vec4 sum = texelFetch(total, at, 0);
+  vec3 v = clamp(sum.rgb * (exp2(exposure) / sum.a), 0.0, 1.0);
   return mix(12.92 * v, 1.055 * pow(max(v, 1e-6), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, v));
 }
 void main() {

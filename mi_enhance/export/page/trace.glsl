@@ -109,6 +109,6 @@ void main() {
 #ifndef MATERIAL
   sum = mix(0.35 * strength * texture(env, place(to)).rgb, sum, edge);
 #endif
-  vec3 previous = frame == 0u ? vec3(0) : texelFetch(before, ivec2(gl_FragCoord.xy), 0).rgb;
-  colour = vec4(previous + sum, 1);
+  vec4 previous = frame == 0u ? vec4(0) : texelFetch(before, ivec2(gl_FragCoord.xy), 0);
+  colour = previous + vec4(sum, 1);  // and the number of samples
 }

@@ -30,6 +30,7 @@ const viewer = {
     this.scale = 0.5;  // the first picture is there sooner
     this.frame();
     this.models.forEach((m, k) => m.program ??= this.compiled(k));
+    this.keep = this.traced(KEEP);
     this.surfaces.sphere = program(gl, HEAD + SURFACE);
   },
 
@@ -156,7 +157,7 @@ const viewer = {
       const corner = k * pixels;
       gl.viewport(corner, 0, pixels, pixels);
       gl.scissor(corner, 0, pixels, pixels);
-      draw(this.ground, corner);
+      draw(this.frames % 2 ? this.keep : this.ground, corner);
       for (const [index, left, width] of this.parts(k, pixels)) {
         const model = this.models[index], { program: trace, drawn } = model.program?.ready() ? model : model.stand_in;
         gl.scissor(left, 0, width, pixels);
@@ -174,7 +175,6 @@ const viewer = {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.useProgram(show.made);
     gl.uniform1i(show.at("total"), 3 + this.frames % 2);
-    gl.uniform1f(show.at("frames"), this.frames);
     gl.uniform1f(show.at("exposure"), s.exposure);
     gl.uniform1f(show.at("scale"), pixels / size);
     gl.uniform1i(show.at("line"), s.mode === "slider" && s.left !== s.right ? Math.round(s.split * size) : -1);
