@@ -13,8 +13,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ..analytic import parameter_space, parameters
-from ..material.material import Material, refuse_trunk
+from ..material.low_rank import of_low_rank
+from ..material.material import Material
 from ..material.material_maps import MaterialMaps
+from ..neural.enhance import trunk_start
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
 from ..system.progress import Callback, silent
@@ -75,7 +77,8 @@ def fit_texels(
     Parameters
     ----------
     material : Material
-        A network of few numbers (``Material.pretrained("ggx2")``) or an analytic model (``Material.analytic("ggx")``).
+        A network (``Material.pretrained()``) or an analytic model (``Material.analytic("ggx")``). Of a network with
+        free read-outs the form of low rank is fitted.
     wi, wo : array (S, 3), (H, W, S, 3) or (T, S, 3)
         Unit vectors towards viewer and light: the same for all texels, or of each.
     f : array (H, W, S, 3) or (T, S, 3)
@@ -97,7 +100,8 @@ def fit_texels(
     Raises
     ------
     ValueError
-        For shapes or values that are not as above, `smoothness` without a second dimension, or a network with a trunk.
+        For shapes or values that are not as above, `smoothness` without a second dimension, or a material with
+        a read-out of its own.
     RuntimeError
         If no JIT variant with RGB colours and gradients is active.
 
@@ -112,7 +116,6 @@ def fit_texels(
     ((1, 2), True)
     """
     require_rgb("fit_texels()")
-    refuse_trunk(material.unspecialized, "fit_texels()")
     shape = check("fit_texels()", wi, wo, f)
     if not smoothness >= 0 or not np.isfinite(smoothness):
         raise ValueError(f"fit_texels(): smoothness is {smoothness}; it must be a number >= 0.")
@@ -121,7 +124,7 @@ def fit_texels(
     start = time.perf_counter()
     rng = np.random.default_rng(seed)
     surface = TexelSamples(wi, wo, f, rng)
-    material = material.unspecialized
+    material = of_low_rank(material.unspecialized, "fit_texels()")
     brdf, analytic = material.brdf, EnhancedBRDF(material.brdf.model, {})
     space = parameter_space.Space(analytic.parameters)
     starts = space.to_free(analytic_starts(analytic))
@@ -132,7 +135,9 @@ def fit_texels(
     if brdf.networks:
         space = parameter_space.Space(brdf.parameters)
         initial = parameters.flatten(brdf.parameters, parameters.initial(brdf.parameters))
-        u = np.concatenate([u, np.tile(space.to_free(initial)[u.shape[1] :], (len(u), 1))], axis=1)
+        first = np.tile(initial, (len(u), 1))
+        first[:, : u.shape[1]] = parameter_space.Space(analytic.parameters).to_physical(u)
+        u = space.to_free(trunk_start(brdf, first) if brdf.trunk else first)
         known = _known(material, loss_analytic / surface.n)
         u, loss = _enhanced(surface, material, u, known, rng, progress)
     if smoothness:
@@ -275,8 +280,9 @@ def _neighbours(values: np.ndarray) -> np.ndarray:
 def _maps(material: Material, values: np.ndarray, report: TexelReport) -> MaterialMaps:
     """Return maps of what varies; the rest, and what decides sampling, is that of the mean over the surface."""
     parts = parameters.unflatten(material.brdf.parameters, np.moveaxis(values, 2, 0))
-    base = material.edit(**{name: v.mean((1, 2)) for name, v in parts.items()})
-    base = dataclasses.replace(base, report={**report}, library=None)
+    # not an edit, which holds what factors in RGB reflect
+    params = {**material.params, **{name: v.mean((1, 2)) for name, v in parts.items()}}
+    base = dataclasses.replace(material, params=params, report={**report}, library=None)
     base = dataclasses.replace(base, lobe_albedo=albedo.lobe_albedo(base.brdf, base.as_drjit()))
     varying = {p.name for p in material.brdf.parameters if not p.fixed}
     return MaterialMaps(base, {name: np.moveaxis(v, 0, 2) for name, v in parts.items() if name in varying})

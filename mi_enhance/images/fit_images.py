@@ -12,7 +12,8 @@ import numpy as np
 
 from ..analytic.parameters import Parameter
 from ..material.colour_normalization import plain
-from ..material.material import Material, refuse_trunk
+from ..material.low_rank import refuse_free
+from ..material.material import Material
 from ..system.checks import positive_int
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
@@ -150,7 +151,7 @@ def fit_images(
     sought = _unknowns(scene, unknowns)
     placed = find(mi.traverse(scene), materials)
     for name, known in placed.items():
-        refuse_trunk(known.material, f"fit_images(): {name}")
+        refuse_free(known.material, f"fit_images(): {name}")
     progress(Progress("read photographs", 0, len(views)))
     book = survey(views, stages, pixels, 2 * _SURVIVORS * TRIAL, seed)
     lit = with_lights(scene, book.lights)

@@ -40,6 +40,21 @@ def with_basis(brdf: EnhancedBRDF, basis: MLP | None) -> EnhancedBRDF:
     return dataclasses.replace(brdf, trunk=dataclasses.replace(brdf.trunk, basis=basis))
 
 
+def refuse_free(material: Material, where: str) -> None:
+    """Raise unless a texel or photographs determine the numbers of a material.
+
+    Examples
+    --------
+    >>> from mi_enhance import Material
+    >>> refuse_free(Material.analytic("ggx"), "example")
+    """
+    if material.brdf.trunk and material.brdf.has_free_read_out and not material.brdf.distilled:
+        raise ValueError(
+            f"{where}: this material has {material.brdf.trunk.size} numbers of its own, more than a texel or "
+            'photographs determine. Start from a network with few: Material.pretrained("ggx2_rgb", low_rank=True).'
+        )
+
+
 def of_low_rank(material: Material, where: str) -> Material:
     """Return a network in the form whose few numbers a texel or photographs determine.
 
@@ -55,14 +70,11 @@ def of_low_rank(material: Material, where: str) -> Material:
     ValueError
         If it has free read-outs and no basis: a fitted material, or a network trained without one.
     """
-    trunk = material.brdf.trunk
-    if not trunk or trunk.basis:
+    if not material.brdf.has_free_read_out:
         return material
     if material.low_rank is None:
-        raise ValueError(
-            f"{where}: this material has {trunk.size} numbers of its own, more than a texel or photographs determine. "
-            'Start from a network with few, such as Material.pretrained("ggx2_rgb", low_rank=True).'
-        )
+        refuse_free(material, where)
+        return material
     basis, library = material.low_rank
     analytic = {p.name: material.params[p.name] for p in material.brdf.model.parameters}
     brdf = with_basis(material.brdf, basis)

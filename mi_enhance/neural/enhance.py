@@ -200,13 +200,13 @@ def first_latent(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
 
 
 def trunk_start(brdf: EnhancedBRDF, values: np.ndarray, reciprocal: bool = False) -> np.ndarray:
-    """Return parameters (P,) from which a fit with a trunk starts: those of `values`, and the networks' own.
+    """Return parameters (P,) or (M, P) from which fits with a trunk start: those of `values`, and the networks' own.
 
     At 0 the features that tell viewer from light would have no effect, and so no gradient: unless the result shall be
     `reciprocal`, ``asymmetry`` starts a little away.
     """
     names = np.array([p.name for p in brdf.parameters for _ in range(p.size)])
     values = values.copy()
-    values[names == "latent"] = first_latent(brdf, values[None])[0]
-    values[names == "asymmetry"] = 0.0 if reciprocal else FIRST_ASYMMETRY
+    values[..., names == "latent"] = first_latent(brdf, np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
+    values[..., names == "asymmetry"] = 0.0 if reciprocal else FIRST_ASYMMETRY
     return values

@@ -102,6 +102,11 @@ class EnhancedBRDF:
         return tuple(slot for slot in self.trunk.slots if slot in self.model.graph.slots) if self.trunk else ()
 
     @property
+    def has_free_read_out(self) -> bool:
+        """True if a material has the hundreds of numbers of a read-out of its own."""
+        return self.trunk is not None and self.trunk.basis is None
+
+    @property
     def read_by_modules(self) -> tuple[str, ...]:
         """Names of the parameters that are folded into the networks."""
         folding = {name for name, m in self.evaluated.items() if m.n_folded}
