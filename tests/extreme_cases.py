@@ -178,7 +178,7 @@ def twin_of(material: Material):
     brdf = material.brdf
     if not brdf.networks:
         return lambda wi, wo, p: twin.analytic(brdf.model.name, wi, wo, p)
-    if brdf.inputs in ("shape", "own"):
+    if brdf.inputs in ("shape", "reciprocal", "own"):
         return lambda wi, wo, p: twin_networks.brdf(brdf.model.name, wi, wo, p, brdf.modules, brdf.inputs, brdf.trunk)
     layers = {slot: mlp.layers for slot, mlp in brdf.modules.items()}
     return lambda wi, wo, p: twin.brdf(wi, wo, p, layers, brdf.inputs)

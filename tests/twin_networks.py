@@ -47,7 +47,7 @@ def constant_features(model, p):
     return np.stack(shape + ([] if latent is None else list(np.atleast_2d(latent.T))), -1)
 
 
-def directional_features(i, o, p):
+def directional_features(i, o, p, inputs="shape"):
     """By angles of half and difference vector; d is half the difference of the directions."""
     s = i + o
     theta_h, phi_h = np.arctan2(np.hypot(s[:, 0], s[:, 1]), s[:, 2]), np.arctan2(s[:, 1], s[:, 0])
@@ -60,8 +60,10 @@ def directional_features(i, o, p):
             u, v = (np.sin(theta_h) * np.cos(phi_h) / a_x) ** 2, (np.sin(theta_h) * np.sin(phi_h) / a_y) ** 2
             columns += [np.log1p(u + v) / 5, (u - v) / (1 + u + v) * (a_y - a_x) / (a_y + a_x)]
     columns += [cos_d, cos_i * cos_o, np.log(cos_i * cos_o + 1e-4) / 5, np.sqrt(sin_d**2 + 1e-4)]
-    difference = np.log(cos_i + 0.01) - np.log(cos_o + 0.01)
-    return np.stack([*columns, p["asymmetry"] * (cos_i - cos_o), p["asymmetry"] * difference / 5], -1)
+    differences = [cos_i - cos_o, np.log(cos_i + 0.01) - np.log(cos_o + 0.01)]
+    if inputs == "reciprocal":  # a size without a kink
+        differences = [np.hypot(differences[0], 0.05), np.hypot(differences[1], 0.05)]
+    return np.stack([*columns, p["asymmetry"] * differences[0], p["asymmetry"] * differences[1] / 5], -1)
 
 
 def own_features(name, i, o, p):
@@ -109,7 +111,7 @@ def terms(model, i, o, p):
 def brdf(model, wi, wo, params, networks, inputs="shape", trunk=None):
     """f_r (N, 3) of `model` with the slots in `networks` (name -> network) replaced, or scaled by a `trunk`."""
     i, o, p, up = twin.local(wi, wo, params)
-    constant, varying = constant_features(model, p), directional_features(i, o, p)
+    constant, varying = constant_features(model, p), directional_features(i, o, p, inputs)
     both = np.concatenate([constant, varying], -1)
     values, limit = terms(model, i, o, p), twin.limits(FORMULAS[model], networks)
     for name in set(networks) & set(values):

@@ -16,8 +16,10 @@ from ..material.material import Material
 from ..neural.simplify import simplify
 from ..sampling import energy_bound, importance, lobe_mixture
 from ..system.variants import require_variant
-from .recorder import NUMBERS, Recorder, Table, Value, in_order
-from .stand_ins import FUNCTIONS, Colour, Point2, Vector, constant, recording
+from .identities import NUMBERS
+from .recorder import Recorder, Table, Value, constant, in_order
+from .stand_ins import FUNCTIONS, recording
+from .vectors import Colour, Point2, Vector
 
 
 @dataclasses.dataclass(frozen=True)

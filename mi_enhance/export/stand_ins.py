@@ -9,110 +9,18 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import operator
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import drjit
 import mitsuba
 
-from .recorder import Recorder, Table, Value, active, constant, gather, operation, power, select, value
-
-# ---------------------------------------------------------------------- vectors
-
-
-class Vector:
-    """A vector or a colour of recorded values."""
-
-    AXES: ClassVar[str] = "xyz"
-
-    def __init__(self, *parts: Any):
-        if len(parts) == 1:
-            parts = tuple(parts[0]) if hasattr(parts[0], "__len__") else parts * len(self.AXES)
-        self.parts = [value(v) for v in parts]
-
-    def __len__(self) -> int:
-        return len(self.parts)
-
-    def __iter__(self) -> Iterator[Value]:
-        return iter(self.parts)
-
-    def __getitem__(self, k: int) -> Value:
-        return self.parts[k]
-
-    x = property(lambda self: self.parts[0])
-    y = property(lambda self: self.parts[1])
-    z = property(lambda self: self.parts[2])
-    r, g, b = x, y, z
-
-    def __neg__(self) -> Vector:
-        return type(self)(*(-v for v in self))
-
-    def __and__(self, mask: Any) -> Vector:
-        return type(self)(*(select(mask, v, 0) for v in self))
-
-    if TYPE_CHECKING:  # made by _install()
-
-        def __add__(self, other: Any) -> Any: ...
-
-        def __mul__(self, other: Any) -> Any: ...
-
-
-class Colour(Vector):
-    """In place of ``mi.Color3f``."""
-
-    AXES = "rgb"
-
-
-class Point2(Vector):
-    """In place of ``mi.Point2f``."""
-
-    AXES = "xy"
-
-
-def _each(f: Callable, *operands: Any) -> Any:
-    """Apply a function of scalars, component by component where there are vectors."""
-    vectors = [v for v in operands if isinstance(v, Vector)]
-    if not vectors:
-        return f(*operands)
-    rows = ([v[k] if isinstance(v, Vector) else v for v in operands] for k in range(len(vectors[0])))
-    return type(vectors[0])(*(f(*row) for row in rows))
-
-
-def _install(name: str) -> None:
-    f = getattr(operator, name)
-    setattr(Vector, f"__{name}__", lambda a, b: _each(f, a, b))
-    setattr(Vector, f"__r{name}__", lambda a, b: _each(f, b, a))
-
-
-for _name in ("add", "sub", "mul", "truediv"):
-    _install(_name)
-
-
-class Frame:
-    """In place of ``mi.Frame3f``."""
-
-    def __init__(self, s: Vector, t: Vector, n: Vector):
-        self.s, self.t, self.n = s, t, n
-
-    def to_local(self, v: Vector) -> Vector:
-        return Vector(_dot(self.s, v), _dot(self.t, v), _dot(self.n, v))
-
-    def to_world(self, v: Vector) -> Any:
-        return self.s * v.x + self.t * v.y + self.n * v.z
-
-    @staticmethod
-    def cos_theta(v: Vector) -> Value:
-        return v.z
-
+from .recorder import Recorder, Table, Value, active, gather, operation, power, select, value
+from .vectors import Colour, Frame, Point2, Vector, dot, each
 
 # ---------------------------------------------------------------------- functions of drjit
-
-
-def _dot(a: Any, b: Any) -> Any:
-    return sum((x * y for x, y in zip(a, b, strict=True)), 0)
 
 
 def _cross(a: Any, b: Any) -> Vector:
@@ -120,11 +28,11 @@ def _cross(a: Any, b: Any) -> Vector:
 
 
 def _scalar(op: str) -> Callable:
-    return lambda *operands: _each(functools.partial(operation, op), *operands)
+    return lambda *operands: each(functools.partial(operation, op), *operands)
 
 
 def _clip(x: Any, low: Any, high: Any) -> Any:
-    return _each(lambda v, a, b: operation("min", operation("max", v, a), b), x, low, high)
+    return each(lambda v, a, b: operation("min", operation("max", v, a), b), x, low, high)
 
 
 def _mean(x: Any) -> Any:
@@ -132,7 +40,7 @@ def _mean(x: Any) -> Any:
 
 
 def _rsqrt(x: Any) -> Any:
-    return _each(functools.partial(operation, "rsqrt"), x)
+    return each(functools.partial(operation, "rsqrt"), x)
 
 
 FUNCTIONS: dict[str, Callable] = {
@@ -141,21 +49,21 @@ FUNCTIONS: dict[str, Callable] = {
     "minimum": _scalar("min"),
     "maximum": _scalar("max"),
     "clip": _clip,
-    "select": lambda mask, a, b: _each(select, mask, a, b),
+    "select": lambda mask, a, b: each(select, mask, a, b),
     "rcp": lambda x: 1 / x,
     "square": lambda x: x * x,
-    "power": lambda a, b: _each(power, a, b),
-    "safe_sqrt": lambda x: _each(lambda v: operation("sqrt", operation("max", v, 0)), x),
-    "safe_acos": lambda x: _each(lambda v: operation("acos", v), _clip(x, -1, 1)),
+    "power": lambda a, b: each(power, a, b),
+    "safe_sqrt": lambda x: each(lambda v: operation("sqrt", operation("max", v, 0)), x),
+    "safe_acos": lambda x: each(lambda v: operation("acos", v), _clip(x, -1, 1)),
     "sincos": lambda x: (operation("sin", x), operation("cos", x)),
-    "sign": lambda x: _each(lambda v: select(v < 0, -1, 1), x),
-    "copysign": lambda a, b: _each(lambda x, y: select(value(y) < 0, -abs(x), abs(x)), a, b),
-    "lerp": lambda a, b, t: _each(lambda x, y, s: x + (y - x) * s, a, b, t),
-    "dot": _dot,
+    "sign": lambda x: each(lambda v: select(v < 0, -1, 1), x),
+    "copysign": lambda a, b: each(lambda x, y: select(value(y) < 0, -abs(x), abs(x)), a, b),
+    "lerp": lambda a, b, t: each(lambda x, y, s: x + (y - x) * s, a, b, t),
+    "dot": dot,
     "cross": _cross,
-    "squared_norm": lambda v: _dot(v, v),
-    "norm": lambda v: operation("sqrt", _dot(v, v)),
-    "normalize": lambda v: v * _rsqrt(_dot(v, v)),
+    "squared_norm": lambda v: dot(v, v),
+    "norm": lambda v: operation("sqrt", dot(v, v)),
+    "normalize": lambda v: v * _rsqrt(dot(v, v)),
     "mean": _mean,
     "sum": lambda x: sum(x, 0),
     "max": lambda x: functools.reduce(functools.partial(operation, "max"), x),
@@ -300,6 +208,3 @@ def recording() -> Iterator[Recorder]:
         finally:
             for names, name, found in places:
                 names[name] = found
-
-
-__all__ = ["FUNCTIONS", "Colour", "Point2", "Table", "Vector", "constant", "recording"]

@@ -63,8 +63,8 @@ def fit(
         Levenberg-Marquardt from several starts, or the paper's recipe: RMSProp with alpha 0.9, learning rate 1e-3,
         1,000 epochs of all samples from the default start.
     reciprocal : bool
-        Hold the parameter ``asymmetry`` at 0: f(wi, wo) = f(wo, wi) for all directions, even where the file says
-        otherwise. Networks that have no such parameter are reciprocal, or (``inputs="directions"``) cannot be.
+        Let networks see nothing by which they could tell viewer from light: f(wi, wo) = f(wo, wi) for all directions,
+        even where the file says otherwise. Those with ``inputs="directions"`` cannot be.
     bound_energy : bool
         Bound the directional albedo of the result by 1, even where the file reflects more than it receives: the factors
         of :mod:`mi_enhance.sampling.energy_bound` are put on what was fitted without them.
@@ -105,7 +105,9 @@ def fit(
     material = material.unspecialized  # a specialized one holds for its own parameters only
     material = dataclasses.replace(material, brdf=dataclasses.replace(material.brdf, reference=None))
     start = time.perf_counter()
-    hold = ("asymmetry",) if reciprocal else ()
+    if reciprocal and material.brdf.inputs == "shape":
+        material = dataclasses.replace(material, brdf=dataclasses.replace(material.brdf, inputs="reciprocal"))
+    hold = ("asymmetry",) if reciprocal and material.brdf.inputs == "own" else ()
     rng = np.random.default_rng(seed)
 
     def run(brdf, starts, known=None):
@@ -121,7 +123,7 @@ def fit(
         first = parameters.flatten(material.brdf.parameters, parameters.initial(material.brdf.parameters))
         first[: len(vector)] = vector
         if material.brdf.trunk:
-            first = trunk_start(material.brdf, first, reciprocal)
+            first = trunk_start(material.brdf, first)
         starts = [_given(material.brdf, material), first]
         known = None
         if material.library is not None:
@@ -141,8 +143,7 @@ def fit(
         "n_parameters": material.brdf.n_parameters,
         "clamped_fraction": measurements.clamped_fraction,
         "method": method,
-        "reciprocal": material.brdf.inputs != "directions"
-        and (reciprocal or not values.get("asymmetry", np.zeros(1))[0]),
+        "reciprocal": dataclasses.replace(material, params=values).reciprocal,
         "seed": seed,
         "name": measurements.name,
         "source": measurements.source,

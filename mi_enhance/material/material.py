@@ -222,7 +222,8 @@ class Material(OldNames):
     @property
     def reciprocal(self) -> bool:
         """True if f(wi, wo) = f(wo, wi) by construction: the networks, if any, do not tell viewer from light."""
-        return self.brdf.inputs != "directions" and not self.params.get("asymmetry", np.zeros(1)).any()
+        asymmetric = self.brdf.inputs != "reciprocal" and self.params.get("asymmetry", np.zeros(1)).any()
+        return self.brdf.inputs != "directions" and not asymmetric
 
     @property
     def sampled_by(self) -> Mixture:

@@ -49,7 +49,7 @@ def enhance(
         Neural parameters per material.
     hidden : sequence of int
         Hidden layer sizes, 1 to 8 layers of 1 to 1024 units.
-    inputs : {"symmetric", "shape", "own", "directions"}
+    inputs : {"symmetric", "shape", "reciprocal", "own", "directions"}
         See :class:`EnhancedBRDF`.
     modulated : bool
         Let the last layer of the modules of terms belong to the material, see :class:`mi_enhance.neural.mlp.MLP`.
@@ -199,14 +199,14 @@ def first_latent(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
     return result
 
 
-def trunk_start(brdf: EnhancedBRDF, values: np.ndarray, reciprocal: bool = False) -> np.ndarray:
+def trunk_start(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
     """Return parameters (P,) or (M, P) from which fits with a trunk start: those of `values`, and the networks' own.
 
-    At 0 the features that tell viewer from light would have no effect, and so no gradient: unless the result shall be
-    `reciprocal`, ``asymmetry`` starts a little away.
+    At 0 the features of the difference of viewer and light would have no effect, and so no gradient: ``asymmetry``
+    starts a little away.
     """
     names = np.array([p.name for p in brdf.parameters for _ in range(p.size)])
     values = values.copy()
     values[..., names == "latent"] = first_latent(brdf, np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
-    values[..., names == "asymmetry"] = 0.0 if reciprocal else FIRST_ASYMMETRY
+    values[..., names == "asymmetry"] = FIRST_ASYMMETRY
     return values

@@ -41,7 +41,7 @@ class EnhancedBRDF:
         Neural modules by slot; an empty one is the analytic model itself.
     n_latent : int
         Number of neural parameters per material.
-    inputs : {"symmetric", "shape", "own", "directions"}
+    inputs : {"symmetric", "shape", "reciprocal", "own", "directions"}
         The inputs of the modules, see :mod:`mi_enhance.neural.inputs`.
     trunk : Trunk, optional
         One network for several slots, which the material reads out by weights of its own.

@@ -1,9 +1,12 @@
-"""The inputs of the modules, in four kinds. Two tables list them all; their number, names and places come from there.
+"""The inputs of the modules, in five kinds. Two tables list them all; their number, names and places come from there.
 
 ``"shape"``
     Features of half vector and difference angle in the material's frame; of the parameters only those that shape lobes,
     never a colour or the frame, so an edit of a colour changes nothing else. ``asymmetry`` lets modules follow files
     that are not reciprocal.
+``"reciprocal"``
+    The same, but viewer and light may be exchanged: of the difference of their cosines networks see the size. Networks
+    learned with ``"shape"`` serve as they are.
 ``"own"``
     The same parameters, but of the directions only those features that the replaced term sees: F the difference angle,
     D the half vector, G and 1/E each direction by itself. No term can make good the weakness of another.
@@ -27,15 +30,20 @@ from ..analytic.graph import Node
 from ..analytic.lobes import Lobe
 from ..analytic.models.model import Model
 
-InputKind = Literal["shape", "own", "symmetric", "directions"]
+InputKind = Literal["shape", "reciprocal", "own", "symmetric", "directions"]
 INPUTS: tuple[str, ...] = get_args(InputKind)
-COLOURLESS = ("shape", "own")  # whose modules see no colour, and may tell viewer from light
+COLOURLESS = ("shape", "reciprocal", "own")  # whose modules see no colour, and read ``asymmetry``
+
+_ALL = (*COLOURLESS, "symmetric")
 
 # --- inputs that vary with the directions -----------------------------------------------------------------------------
 
 Seen = Literal["half", "difference", "each", "slopes", "raw"]
 # The quantities of which a term reads one, so that it sees features of the half vector, or of each direction.
 _HALF, _EACH = {"h", "cos_theta_h"}, {"cos_theta_i", "cos_theta_o", "wi", "wo"}
+
+
+_EVEN = 0.05  # differences of cosines that count as none, so that the features are smooth at 0
 
 
 def _sin2_h(q: Mapping) -> list:
@@ -63,8 +71,18 @@ def _sin_d(q: Mapping) -> list:
 
 def _asymmetric(q: Mapping) -> list:
     """Tell viewer from light, as much as the material asks for: asymmetry = 0 is exactly reciprocal."""
+    return [q["asymmetry"] * v for v, _ in _differences(q)]
+
+
+def _differences(q: Mapping) -> list:
+    """Return difference and logarithm of the ratio of the cosines, each with its scale."""
     cos_i, cos_o = q["cos_theta_i"], q["cos_theta_o"]
-    return [q["asymmetry"] * (cos_i - cos_o), q["asymmetry"] * dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5]
+    return [(cos_i - cos_o, 1.0), (dr.log((cos_i + 0.01) / (cos_o + 0.01)) / 5, 1 / 5)]
+
+
+def _even(q: Mapping) -> list:
+    """Return the sizes of both, which do not tell viewer from light; without a kink where the highlight is."""
+    return [q["asymmetry"] * dr.sqrt(dr.square(v) + dr.square(scale * _EVEN)) for v, scale in _differences(q)]
 
 
 def _slopes(q: Mapping, lobe: Lobe) -> list:
@@ -92,7 +110,7 @@ class Features:
     lobe : Lobe, optional
         The lobe whose roughness they read.
     asymmetric : bool
-        True if they read ``asymmetry``. All others but the raw ones are symmetric in wi and wo: reciprocity for free.
+        True if they read ``asymmetry``: where it is 0, so are they.
     """
 
     names: tuple[str, ...]
@@ -119,12 +137,11 @@ class Features:
 
 
 def _of_lobe(lobe: Lobe) -> Features:
-    inputs = ("shape", "own", "symmetric") if lobe is lobes.FIRST else COLOURLESS
+    inputs = _ALL if lobe is lobes.FIRST else COLOURLESS
     names = (lobe.own("lobe"), lobe.own("azimuth"))
     return Features(names, functools.partial(_in_lobe, lobe=lobe), "half", inputs, lobe)
 
 
-_ALL = ("shape", "own", "symmetric")
 # In the order of the weights of a module; "own" takes the parts of the directions one after the other. For alpha_x =
 # alpha_y no feature of "shape" and "symmetric" depends on the azimuth of h: such a material is exactly isotropic.
 _FEATURES = (
@@ -134,7 +151,8 @@ _FEATURES = (
     Features(("sum",), lambda q: [q["cos_theta_i"] + q["cos_theta_o"]], "each", ("own",)),
     Features(("product", "log_product"), _cosines, "each", _ALL),
     Features(("sin_d",), _sin_d, "difference", COLOURLESS),
-    Features(("difference", "log_ratio"), _asymmetric, "each", COLOURLESS, asymmetric=True),
+    Features(("difference", "log_ratio"), _asymmetric, "each", ("shape", "own"), asymmetric=True),
+    Features(("even_difference", "even_log_ratio"), _even, "each", ("reciprocal",), asymmetric=True),
     *(
         Features(
             (lobe.own("slope_sum"), lobe.own("slope_product")),
@@ -149,8 +167,8 @@ _FEATURES = (
 )
 _ORDER = get_args(Seen)
 
-# Keys of named(): the features of "shape", for models with up to two lobes.
-NAMES = tuple(name for f in _FEATURES if "shape" in f.inputs for name in f.names)
+# Keys of named(): the features of "shape" and "reciprocal", for models with up to two lobes.
+NAMES = tuple(name for f in _FEATURES if {"shape", "reciprocal"} & set(f.inputs) for name in f.names)
 ASYMMETRIC = tuple(name for f in _FEATURES if f.asymmetric for name in f.names)
 
 
@@ -206,7 +224,7 @@ def _values(features: Sequence[Features], q: Mapping) -> list:
 
 
 def named(q: Mapping) -> dict[str, Any]:
-    """Compute the features of ``"shape"`` by name, as far as `q` has their parameters.
+    """Compute the features of ``"shape"`` and ``"reciprocal"`` by name, as far as `q` has their parameters.
 
     Examples
     --------
@@ -214,7 +232,20 @@ def named(q: Mapping) -> dict[str, Any]:
     >>> list(named(quantities(mi.Vector3f(0, 0, 1), mi.Vector3f(0, 0, 1))))
     ['sin2_h', 'cos_d', 'product', 'log_product', 'sin_d']
     """
-    return {name: v for f in _features("shape", q) for name, v in zip(f.names, f.function(q), strict=True)}
+    found = dict.fromkeys([*_features("shape", q), *_features("reciprocal", q)])
+    return {name: v for f in found for name, v in zip(f.names, f.function(q), strict=True)}
+
+
+def names_of(inputs: str) -> tuple[str, ...]:
+    """Return the names of the features of a kind that a small network of a material's own may see.
+
+    Examples
+    --------
+    >>> names_of("reciprocal")[-2:], names_of("shape")[-2:]
+    (('even_difference', 'even_log_ratio'), ('difference', 'log_ratio'))
+    """
+    kind = "reciprocal" if inputs == "reciprocal" else "shape"
+    return tuple(name for f in _FEATURES if kind in f.inputs for name in f.names)
 
 
 # --- inputs that are constant over a material -------------------------------------------------------------------------

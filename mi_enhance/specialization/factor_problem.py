@@ -45,7 +45,9 @@ class FactorProblem:
         graph, record, active = brdf.prepare(vector3f(wi), vector3f(wo), params, evaluators)
         named, factors = inputs_module.named(record), [graph.find(slot)(record) for slot in slots]
         dr.eval(named, factors)
-        self.features = {name: np.array(v, np.float64) for name, v in named.items()}
+        self.features = {
+            name: np.array(named[name], np.float64) for name in inputs_module.names_of(brdf.inputs) if name in named
+        }
         # 1e-20: an analytic operand may be 0
         self.logs = np.stack([np.log(np.maximum(np.array(v, np.float64), 1e-20)) for v in factors], 1)
         # f = rest + the sum of coefficients times factors: the graph with 0 and 1 in the place of the factors

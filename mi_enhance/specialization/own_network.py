@@ -18,6 +18,7 @@ from ..material.colour_normalization import normalize
 from ..material.material import Material
 from ..neural import inputs as inputs_module
 from ..neural.distilled_network import DistilledNetwork
+from ..neural.inputs import InputKind
 from ..numerics import levenberg_marquardt
 from ..sampling import albedo
 from ..sampling.mixture_fit import fit_mixture
@@ -25,8 +26,6 @@ from ..system.progress import Callback, Progress, silent
 from . import distillation
 from .own_problem import OwnProblem
 
-# The logarithm of the ratio of the cosines adds little to their difference.
-_INPUTS = tuple(name for name in inputs_module.NAMES if name != "log_ratio")
 _SEEDS, _FEW = 3, 2048  # first weights that are tried, on how many samples
 _STAGES = ((2048, 15), (4096, 15), (12288, 25), (32768, 20), (1 << 17, 10))  # samples, most steps
 _UNSEEN = 8192  # samples that are not learned; they decide when to stop
@@ -93,7 +92,7 @@ def own_network(
         if n >= len(seen.f):
             break
     assert best is not None
-    return _material(material, judge, best[0]), best[1]
+    return _material(material, judge, best[0], _kind(reciprocal)), best[1]
 
 
 def divided(measurements: Measurements, seed: int) -> tuple[Measurements, Measurements]:
@@ -161,10 +160,10 @@ def _problems(
     brdf, isotropic = material.brdf, _is_isotropic(material)
     params = (*brdf.model.parameters, parameters.ASYMMETRY)
     values = {p.name: material.params.get(p.name, np.zeros(p.size)) for p in params}
-    values["asymmetry"] = np.array([0.0 if reciprocal else 1.0])
-    inputs = [name for name in _INPUTS if not (isotropic and "azimuth" in name)]
-    if not values["asymmetry"].any():
-        inputs = [name for name in inputs if name not in inputs_module.ASYMMETRIC]
+    values["asymmetry"] = np.ones(1)
+    names = inputs_module.names_of(_kind(reciprocal))
+    # The logarithm of the ratio of the cosines adds little to their difference.
+    inputs = [name for name in names if "log_ratio" not in name and not (isotropic and "azimuth" in name)]
     moving = np.zeros((parameters.count(params), 0)) if hold else _moving(params, isotropic)
     slots, scale = slots_of(brdf.model.graph), (np.zeros(len(inputs)), np.ones(len(inputs)))
 
@@ -194,13 +193,17 @@ def _moving(params: Sequence[parameters.Parameter], isotropic: bool) -> np.ndarr
     return np.array(columns).T
 
 
-def _material(material: Material, problem: OwnProblem, u: np.ndarray) -> Material:
+def _kind(reciprocal: bool) -> InputKind:
+    return "reciprocal" if reciprocal else "shape"
+
+
+def _material(material: Material, problem: OwnProblem, u: np.ndarray, kind: InputKind) -> Material:
     """Return the material with the network that the unknowns say."""
     free, layers = problem.split(u)
     values = parameters.unflatten(problem.parameters, problem.space.to_physical(free))
     raw = tuple(distillation.on_raw_inputs(layers, problem.mean, problem.std))
     network = DistilledNetwork(problem.slots, problem.inputs, raw, 3)
-    brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs="shape")
+    brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs=kind)
     params = {p.name: values[p.name] if p.name in values else material.params[p.name] for p in brdf.parameters}
     exact = material.params if material.brdf.networks else None
     return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact)

@@ -37,7 +37,6 @@ _AT_BEST = 2.5  # the next size is never better by more: what is hopeless is not
 _STARTS, _FEW = 4, 1024  # first weights that are tried, on how many pairs
 _MIN_COS = 1e-3  # closer to the horizon than any measurement: a render asks there, too
 # The logarithm of the ratio of the cosines adds little to their difference.
-_INPUTS = tuple(name for name in inputs_module.NAMES if name != "log_ratio")
 # Inputs that vary by less say nothing: the azimuth where the roughnesses are equal, asymmetry where there is none.
 _MIN_SPREAD = 5e-3
 
@@ -155,7 +154,7 @@ def _specialized(
 def _learn(training: FactorProblem, units: int, rng: np.random.Generator) -> DistilledNetwork:
     """Return a network with two layers of `units` hidden units."""
     spread = {name: v.std() for name, v in training.features.items()}
-    inputs = tuple(name for name in _INPUTS if spread.get(name, 0) > _MIN_SPREAD)
+    inputs = tuple(name for name in training.features if spread[name] > _MIN_SPREAD and "log_ratio" not in name)
     x = training.columns(inputs)
     mean, std = x.mean(0), x.std(0)
     x, sizes = (x - mean) / std, (len(inputs), units, units, len(training.slots))
@@ -227,14 +226,12 @@ def _own(
 def _pruned(material: Material, training: FactorProblem) -> tuple[DistilledNetwork, ...]:
     """Return the exact modules without linear units; none where there are operators, or inputs of another kind."""
     brdf = material.brdf
-    if brdf.inputs != "shape" or not set(training.slots) <= set(brdf.modules):
+    if brdf.inputs not in ("shape", "reciprocal") or not set(training.slots) <= set(brdf.modules):
         return ()
-    names = [name for name in inputs_module.NAMES if name in training.features]
     values = material.as_drjit()
     constant = np.array([v[0] for v in inputs_module.of_parameters(values, brdf.inputs, brdf.model)], np.float64)
-    inputs = {name: training.features[name] for name in names}
     result = []
     for slot in training.slots:
         *hidden, (w, b) = pruning.fold(brdf.modules[slot], constant)
-        result.append(pruning.prune(slot, [*hidden, (w, b + material.params[f"norm_{slot}"])], inputs))
+        result.append(pruning.prune(slot, [*hidden, (w, b + material.params[f"norm_{slot}"])], training.features))
     return tuple(result)

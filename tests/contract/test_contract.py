@@ -51,6 +51,7 @@ TABLE = {name: Row(name) for name in sorted(models.MODELS)} | {
     "abc shape": Row("abc", ("F", "G")),
     "ggx2 lobes": Row("ggx2", LOBES, modulated=True),
     "ggx2 lobes, plain": Row("ggx2", LOBES),
+    "ggx2 lobes, reciprocal": Row("ggx2", LOBES, "reciprocal", modulated=True),
     "ggx2 terms": Row("ggx2", TERMS, modulated=True),
     "ggx2 everything": Row("ggx2", TERMS + OPERATORS, modulated=True),
     "ggx2 own": Row("ggx2", ("D", "F", "G", "D2", "1/E2"), "own", modulated=True),

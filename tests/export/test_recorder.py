@@ -7,11 +7,12 @@ import pytest
 
 from mi_enhance import Material, terms
 from mi_enhance.export.program import record
-from mi_enhance.export.recorder import in_order, power
+from mi_enhance.export.recorder import constant, in_order, power
 from mi_enhance.export.registry import exporter, exporters
-from mi_enhance.export.stand_ins import FUNCTIONS, Colour, Vector, constant, recording
+from mi_enhance.export.stand_ins import FUNCTIONS, recording
 from mi_enhance.export.statements import Language, Statements, number
 from mi_enhance.export.vectorize import Vectorizer
+from mi_enhance.export.vectors import Colour, Vector
 
 
 @pytest.fixture

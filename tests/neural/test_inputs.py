@@ -44,6 +44,7 @@ def test_order_of_the_inputs_is_that_of_saved_weights():
     each = ["sum", "product", "log_product", "difference", "log_ratio"]
     assert inputs.NAMES == (
         *("sin2_h", *lobes, "cos_d", "product", "log_product", "sin_d", "difference", "log_ratio"),
+        *("even_difference", "even_log_ratio"),
     )  # fmt: skip
     assert names["D2"] == ["sin2_h", "lobe2", "azimuth2"] and names["F2"] == ["cos_d", "sin_d"]
     assert names["1/E"] == names["B"] == each and names["M"] == []

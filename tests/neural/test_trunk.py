@@ -13,7 +13,7 @@ from mi_enhance.data.directions import sample_pairs
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import first_latent, trunk_start, with_trunk
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
-from mi_enhance.neural.inputs import named
+from mi_enhance.neural.inputs import named, names_of
 from mi_enhance.numerics.arrays import vector3f
 
 N = 3000
@@ -51,7 +51,7 @@ def test_follows_a_float64_twin(llvm, channels):
     trunk, params = m.brdf.trunk, m.as_drjit()
     graph, record, _ = EnhancedBRDF(m.brdf.model, {}).prepare(vector3f(wi), vector3f(wo), params)
     features = named(record)
-    x = np.stack([np.array(v, np.float64) for v in features.values()], 1)
+    x = np.stack([np.array(features[name], np.float64) for name in names_of("shape")], 1)
     x = np.concatenate([np.tile(m.params["latent"], (N, 1)), x], 1)
     for w, b in trunk.mlp.layers:
         x = x @ w.T.astype(np.float64) + b
@@ -107,7 +107,6 @@ def test_starts_of_fits(llvm):
     np.testing.assert_allclose(start["latent"], first_latent(brdf, values[None])[0])
     np.testing.assert_allclose(start["latent"][:2], np.log(0.2) / 4, rtol=1e-5)
     assert start["asymmetry"] == 0.3
-    assert parameters.unflatten(brdf.parameters, trunk_start(brdf, values, reciprocal=True))["asymmetry"] == 0
 
 
 def test_wrong_arguments_say_what_is_allowed():
