@@ -104,10 +104,33 @@ def test_colours_mean_albedo_after_a_fit(llvm):
     np.testing.assert_allclose(albedo.mean(0), m.params["rho_d"], rtol=0.03)
 
 
-def test_a_trunk_is_not_for_texels(llvm):
+def test_a_free_read_out_is_not_for_texels(llvm):
     wi, wo = sample_pairs(8, seed=0)
-    with pytest.raises(ValueError, match='pretrained\\("ggx2"\\)'):
+    with pytest.raises(ValueError, match="numbers of its own.*low_rank=True"):
         fit_texels(small(), wi, wo, np.ones((2, 8, 3)))
+
+
+def test_codes_are_for_texels(llvm):
+    """Two texels whose diffuse terms turn hue one way and the other, which colours alone cannot follow."""
+    m = measured()
+    f = np.stack([m.f[:200], m.f[:200, ::-1]])
+    found = fit_texels(small(rank=4), m.wi[:200], m.wo[:200], f)
+    assert (found.log_l1 < 0.7 * found.log_l1_analytic).all()
+    assert found.maps.maps["code"].shape == (1, 2, 12) and "norm_B" not in found.maps.maps
+    again = found.maps.at(0, 1).evaluate(m.wi[:200], m.wo[:200])
+    cos = m.wo[:200, 2:]
+    assert abs(np.abs(np.log1p(again * cos) - np.log1p(f[1] * cos)).mean() / found.log_l1[0, 1] - 1) < 0.01
+
+
+def test_codes_are_for_fits(llvm):
+    """Never worse than the ancestor, and reciprocal on request; colours mean albedo, by the norms."""
+    m = fit(small(rank=4), measured(), reciprocal=True)
+    assert m.report["log_l1"] < 0.7 * m.report["log_l1_analytic"] and m.reciprocal
+    assert "code" not in m.report["std"] and m.params["norm_B"].any() and m.library is None
+    wi, wo = sample_pairs(500, seed=4)
+    np.testing.assert_allclose(m.evaluate(wi, wo), m.free.evaluate(wi, wo), rtol=1e-4, atol=1e-6)
+    again = fit(m, measured(), reciprocal=True)  # the norms go back into the colours first
+    assert again.report["log_l1"] < 1.02 * m.report["log_l1"]
 
 
 @pytest.mark.parametrize("edit", [{"alpha_x": 0.05, "alpha_y": 0.05}, {"alpha_x": 0.6, "alpha_y": 0.6}, {"F0": 0.5}])
