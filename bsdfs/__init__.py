@@ -13,11 +13,11 @@ import sys
 import mitsuba as mi
 
 # Files with classes of the variant, in the order in which they need one another.
-_FILES = ("mi_enhance.bsdfs.scene_parameters", "mi_enhance.bsdfs.enhanced")
+_FILES = tuple(f"mi_enhance.bsdfs.{name}" for name in ("scene_parameters", "enhanced", "photographs"))
 
 
 def register(old: str | None = None, new: str | None = None) -> None:
-    """Make ``{"type": "enhanced"}`` known to the variant that is active.
+    """Make ``{"type": "enhanced"}``, and the plugins of photographs, known to the variant that is active.
 
     ``import mi_enhance`` calls it and has Mitsuba call it after every change of variant, so nobody else needs to.
     It never raises, because Mitsuba calls it from within ``mi.set_variant()``: what is wrong is said when a scene asks
@@ -38,12 +38,16 @@ def register(old: str | None = None, new: str | None = None) -> None:
         )
         return
     try:
-        for name in _FILES:
-            plugin = importlib.reload(sys.modules[name]) if name in sys.modules else importlib.import_module(name)
+        _, plugin, photographs = (
+            importlib.reload(sys.modules[name]) if name in sys.modules else importlib.import_module(name)
+            for name in _FILES
+        )
     except Exception as error:
         _register_error(f'mi_enhance: "enhanced" could not be loaded in variant "{variant}": {error!r}', error)
         return
     mi.register_bsdf("enhanced", lambda props: plugin.Enhanced(props))
+    mi.register_sensor("mi_enhance_pixels", lambda props: photographs.PixelCamera(props))
+    mi.register_emitter("mi_enhance_lights", lambda props: photographs.PhotographLights(props))
 
 
 def _register_error(message: str, cause: Exception | None = None) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from mi_enhance.neural import baked
@@ -38,6 +39,7 @@ class CompiledForm:
     known: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)  # values, of the last update
     folded: Mapping | None = None  # all that is folded, if none of it varies over the surface
     begun: Mapping | None = None  # else the part that does not vary
+    apart: mi.Float | None = None  # all that is folded, once more, where gradients are to arrive at it
 
     def __post_init__(self):
         self._forms: dict[frozenset[str], Form] = {}
@@ -76,7 +78,7 @@ class CompiledForm:
 
     def fold(self, constants: Mapping, textured: Collection[str]) -> None:
         """Fold the parameters that are constant over the surface; `textured` are the names of the others."""
-        self.folded = self.begun = None
+        self.folded = self.begun = self.apart = None
         if not set(textured) & set(self.brdf.read_by_modules):
             self.folded = self.brdf.fold(constants, self._stored)
             dr.make_opaque(self.folded)
@@ -85,6 +87,38 @@ class CompiledForm:
             self.begun = self.brdf.begin_fold(self._parts(known), self._stored)
             dr.make_opaque(self.begun)
 
+    def set_apart(self) -> mi.Float | None:
+        """Return all that is folded as one array with gradients, see :meth:`Enhanced.set_folded_apart`."""
+        if self.folded is None:
+            return None
+        flat = dr.concat([v for values in self.folded.values() for v in values] or [mi.Float(0)])
+        dr.make_opaque(flat)
+        dr.enable_grad(flat)
+        self.apart = flat
+        return flat
+
+    def hand_on(self, constants: Mapping) -> None:
+        """Hand the gradients of :meth:`set_apart` on to the parameters `constants`, attached, and forget about it."""
+        if self.apart is None:
+            return
+        folded = self.brdf.fold(constants, self._stored)
+        flat = [v for values in folded.values() for v in values]
+        at = [k for k, v in enumerate(flat) if dr.grad_enabled(v)]
+        if at:
+            narrow = [flat[k] for k in at]
+            dr.set_grad(narrow, [dr.gather(mi.Float, dr.grad(self.apart), k) for k in at])
+            dr.enqueue(dr.ADMode.Backward, narrow)
+            dr.traverse(dr.ADMode.Backward)
+        self.apart = None
+
+    def _parted(self) -> Mapping:
+        """Return what is folded, out of the array that gradients arrive at."""
+        begin, result = 0, {}
+        for slot, values in (self.folded or {}).items():
+            result[slot] = [dr.gather(mi.Float, self.apart, begin + k) for k in range(len(values))]
+            begin += len(values)
+        return result
+
     def at(self, params: Mapping, constant: Collection[str], textured: Collection[str]) -> tuple[Form, Mapping]:
         """Return the form to evaluate and what is folded, for the parameters at a hit point."""
         form = self.form
@@ -92,7 +126,7 @@ class CompiledForm:
             form = self._full  # optimized since the last update: nothing may be missing
         folded = self.folded
         if dr.grad_enabled([params[name] for name in form.brdf.read_by_modules if name in constant]):
-            folded = form.brdf.fold(params, form.evaluators)
+            folded = self._parted() if self.apart is not None else form.brdf.fold(params, form.evaluators)
         elif folded is None:  # what is the same everywhere has been folded before
             varying = self._parts({name: params[name] for name in textured})
             folded = form.brdf.fold(varying, form.evaluators, self.begun)

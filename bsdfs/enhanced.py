@@ -201,6 +201,23 @@ class Enhanced(mi.BSDF):
         params = {name: v for name, v in everything.items() if name not in form.left_out}
         return form, params, everything, folded
 
+    def set_folded_apart(self) -> mi.Float | None:
+        """Have gradients arrive at what is folded of the parameters into the networks, in place of the parameters.
+
+        A vertex of a path then hands on half as much: what is folded need not be computed there once more, nor taken
+        back. :meth:`hand_on_gradients` does that, once. An update of the parameters ends it.
+
+        Returns
+        -------
+        mi.Float or None
+            None where a map makes it vary: gradients arrive at the parameters as ever.
+        """
+        return self.m_compiled.set_apart()
+
+    def hand_on_gradients(self) -> None:
+        """Add to the gradients of the parameters what has arrived since :meth:`set_folded_apart`."""
+        self.m_compiled.hand_on(self.m_parameters.constants())
+
     # ------------------------------------------------------------------ evaluation
 
     def _active(self, ctx, si, active):

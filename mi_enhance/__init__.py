@@ -33,6 +33,7 @@ _PUBLIC = {
     "enhance": "neural.enhance",
     "export_material": "export.registry",
     "fit": "fitting.fit",
+    "fit_files": "specialization.fit_files",
     "fit_images": "images.fit_images",
     "fit_texels": "fitting.fit_texels",
     "load_material": "material.material",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from ..output.table import write_table
 from ..system.files import material_name, replacing
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
+from ..system.workers import alone, run_all
 from . import timing
 from .contender import Contender
 from .contenders import REFERENCE, contenders, settings_of_fits, textured
@@ -96,6 +98,7 @@ def bench(
     seed: int = 0,
     model: Material | None = None,
     material: str | None = None,
+    executor: Executor | None = None,
     progress: Callback = silent,
 ) -> BenchReport:
     """Measure error against run time of every model on measured materials.
@@ -118,6 +121,9 @@ def bench(
         The enhanced model in the place of the shipped default, exact and specialized.
     material : str, optional
         Which one, in files that hold several.
+    executor : concurrent.futures.Executor, optional
+        Who fits the models, each file on its own; its processes must see the files and `folder` under the same names.
+        Run times are always those of this machine.
     progress : callable
         Hears of every step before it begins, see :mod:`mi_enhance.system.progress`.
 
@@ -150,6 +156,18 @@ def bench(
     keep_settings(folder / "settings.json", settings, "bench()")
     about = {**timing.machine("scikit-image"), "variant": mi.variant(), "peak_gflops": round(timing.peak_gflops())}
     size = {"resolution": resolution, "spp": spp}
+    if executor:  # what follows finds the fits where they leave them
+        start = folder / "model.bsdf"
+        if model:
+            model.save(start)
+        run = functools.partial(
+            _fit_elsewhere,
+            model=str(start.absolute()) if model else None,
+            variant=mi.variant() or "",
+            given=(n_samples, seed, material),
+        )
+        jobs = [(str(Path(p).absolute()), str((folder / n).absolute())) for n, p in zip(names, paths, strict=True)]
+        run_all(run, jobs, executor, lambda done: progress(Progress("fits", len(done), len(jobs))))
     samples = [_samples(path, n_samples, seed, material) for path in paths]
     fitted: list[dict[str, Contender]] = [
         contenders(truth, measured, folder / name, model=model, seed=seed, progress=progress)
@@ -178,6 +196,15 @@ def bench(
     for label, c in fitted[0].items():
         by_label[label] |= first_frames((frame, scenes.shader_ball, c), resolution=128, spp=1)
     return _write(folder, about, names, rows, growing)
+
+
+def _fit_elsewhere(job: tuple[str, str], *, model: str | None, variant: str, given: tuple) -> None:
+    """Fit all models to one file and leave them in its folder, in any process."""
+    path, folder = job
+    with alone(variant):
+        loaded = Material.load(model) if model else None
+        truth, (measured, _) = rendered_truth(path, "bench()"), _samples(path, *given)
+        contenders(truth, measured, Path(folder), model=loaded, seed=given[1])
 
 
 def _samples(path: str | Path, n: int, seed: int, material: str | None) -> tuple[Measurements, Measurements]:

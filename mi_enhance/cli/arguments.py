@@ -7,6 +7,7 @@ on the terminal and write only what is named.
 from __future__ import annotations
 
 import argparse
+import glob
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -161,10 +162,28 @@ def set_variant(name: str | None) -> Any:
     return mi
 
 
-def measurements(args: argparse.Namespace) -> Measurements:
+def files(names: Sequence[str], where: str) -> list[str]:
+    """Return the files that names and patterns stand for, where the shell has not put them in already.
+
+    Raises
+    ------
+    ValueError
+        If no file matches a pattern; the message begins with `where`.
+    """
+    found: list[str] = []
+    for name in names:
+        matches = sorted(glob.glob(name)) if glob.has_magic(name) and not Path(name).exists() else [name]
+        if not matches:
+            raise ValueError(f'{where}: no file matches "{name}". Check the pattern.')
+        found += matches
+    return found
+
+
+def measurements(args: argparse.Namespace, file: str | None = None) -> Measurements:
+    """Return the samples of `file`, of ``args.data`` if left out."""
     from .. import data
 
-    return data.load(args.data, n_samples=args.samples, seed=args.seed, material=args.material)
+    return data.load(file or args.data, n_samples=args.samples, seed=args.seed, material=args.material)
 
 
 def model(name: str) -> Material:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 
-from . import arguments
+from . import arguments, executors
 from .outputs import output_folder
 from .progress_bar import progress_bar
 
@@ -24,9 +24,11 @@ def add(subparsers: arguments.Subparsers) -> None:
     )
     p.add_argument("--spp", type=arguments.positive, default=64, help="samples per pixel (default: %(default)s)")
     p.add_argument("--rounds", type=arguments.positive, default=5, help="interleaved runs (default: %(default)s)")
+    executors.add_workers(p, "fits the models of a file; run times are always those of this machine")
 
 
 def run(args: argparse.Namespace) -> dict:
+    executors.check(args)
     folder = output_folder(args.output)
     arguments.set_variant(args.variant)
     from ..benchmark.benchmark import COLUMNS, bench
@@ -35,9 +37,9 @@ def run(args: argparse.Namespace) -> dict:
     from ..system.bundled_files import demo_data
 
     model = arguments.model(args.model) if args.model else None
-    with progress_bar("bench", quiet=args.json) as progress:
+    with executors.executor(args) as pool, progress_bar("bench", quiet=args.json) as progress:
         result = bench(
-            args.data or [demo_data("satin_rosaline_rgb.bsdf")],
+            arguments.files(args.data, "bench") or [demo_data("satin_rosaline_rgb.bsdf")],
             folder,
             resolution=args.resolution,
             spp=args.spp,
@@ -46,6 +48,7 @@ def run(args: argparse.Namespace) -> dict:
             seed=args.seed,
             model=model,
             material=args.material,
+            executor=pool,
             progress=progress,
         )
     print_table(result.rows, COLUMNS, title=", ".join(result.materials))

@@ -6,11 +6,11 @@ import argparse
 import contextlib
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from pathlib import Path
 
 from ..system.progress import Callback, silent
 from . import arguments
+from .executors import add_workers, check, executor
 from .outputs import made, output_file, output_folder
 
 
@@ -27,20 +27,18 @@ def add(subparsers: arguments.Subparsers) -> None:
     arguments.add_define(p, "settings (mi_enhance.hypercube.settings lists them)")
     arguments.add_variant(p)
     arguments.add_output_file(p, "NET.bsdf", "the network; its run lies in NET.search/")
-    p.add_argument("--workers", type=arguments.positive, default=1, help="processes on this machine (default: 1)")
-    p.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers train the candidates")
+    add_workers(p, "trains candidates")
 
 
 def run(args: argparse.Namespace) -> dict:
     model = args.model or args.base
     if model is None or (args.model and args.base):
         raise ValueError("search: needs one model to start from. Give it as -m ggx.")
-    if args.scheduler and args.workers > 1:
-        raise ValueError("--workers and --scheduler exclude each other: a Dask cluster has its own workers.")
+    check(args)
     settings = arguments.settings(args.define)
     if "model" in settings:
         raise ValueError("-D model: the model is given as -m.")
-    files = [file for names in (args.data, args.validation) for name in names for file in _files(name)]
+    files = arguments.files([*args.data, *args.validation], "search")
     output = output_file(args.output, (".bsdf",), files)
     folder = output_folder(output.with_suffix(".search"))
     data, validation = (_sources(names) for names in (args.data, args.validation))
@@ -48,8 +46,8 @@ def run(args: argparse.Namespace) -> dict:
     from ..hypercube.search import search
 
     start = time.perf_counter()
-    with _executor(args) as executor, _table(folder, args.json) as progress:
-        found = search(model, data, folder, validation=validation, executor=executor, progress=progress, **settings)
+    with executor(args) as pool, _table(folder, args.json) as progress:
+        found = search(model, data, folder, validation=validation, executor=pool, progress=progress, **settings)
     found.material.save(made(output))
     print(f"{found.material.brdf}\n{output}\n{folder / 'search.png'}")
     return {
@@ -61,21 +59,11 @@ def run(args: argparse.Namespace) -> dict:
     }
 
 
-def _files(name: str) -> list[str]:
-    """Return the files that a name or pattern stands for."""
-    import glob
-
-    files = sorted(glob.glob(name)) if glob.has_magic(name) else [name]
-    if not files:
-        raise ValueError(f'search: no file matches "{name}". Check the pattern.')
-    return files
-
-
 def _sources(names: list[str]) -> list[dict]:
     """Return the sources of all materials in the files that `names` stand for."""
     from ..training.sources import sources_of
 
-    return [source for name in names for file in _files(name) for source in sources_of(file)]
+    return [source for file in arguments.files(names, "search") for source in sources_of(file)]
 
 
 @contextlib.contextmanager
@@ -85,27 +73,3 @@ def _table(folder: Path, quiet: bool) -> Iterator[Callback]:
 
     with contextlib.nullcontext(silent) if quiet else LiveTable(folder) as progress:
         yield progress
-
-
-@contextlib.contextmanager
-def _executor(args: argparse.Namespace) -> Iterator[Executor | None]:
-    """Yield who trains the candidates: this process (None), processes of this machine, or a Dask cluster."""
-    if args.scheduler:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise ImportError('--scheduler needs Dask. Install it: pip install "mi-enhance[cluster]"') from None
-        with Client(args.scheduler) as client:
-            yield client.get_executor(pure=False)
-    elif args.workers > 1:
-        import multiprocessing
-        from concurrent.futures import ProcessPoolExecutor
-
-        # spawn: Dr.Jit's threads do not survive a fork
-        pool = ProcessPoolExecutor(args.workers, mp_context=multiprocessing.get_context("spawn"))
-        try:
-            yield pool
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-    else:
-        yield None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor
 
 import numpy as np
 
@@ -70,6 +71,7 @@ def fit_texels(
     *,
     smoothness: float = 0.0,
     seed: int = 0,
+    executor: Executor | None = None,
     progress: Callback = silent,
 ) -> TexelFit:
     r"""Fit a material of its own to every texel of a surface.
@@ -90,6 +92,9 @@ def fit_texels(
         differs from its neighbours as much as any two texels do pays half the mean loss for it.
     seed : int
         Of the choice of anchors and the order of samples.
+    executor : concurrent.futures.Executor, optional
+        Who fits the batches of texels: processes, or a Dask cluster (``Client(address).get_executor(pure=False)``),
+        which does the work of a killed worker again. This process if left out. The result is the same.
     progress : callable, optional
         ``progress(Progress)`` after every batch of texels.
 
@@ -123,7 +128,7 @@ def fit_texels(
         raise ValueError("fit_texels(): smoothness needs neighbours: give f as (H, W, S, 3).")
     start = time.perf_counter()
     rng = np.random.default_rng(seed)
-    surface = TexelSamples(wi, wo, f, rng)
+    surface = TexelSamples(wi, wo, f, rng, executor)
     material = of_low_rank(material.unspecialized, "fit_texels()")
     brdf, analytic = material.brdf, EnhancedBRDF(material.brdf.model, {})
     space = parameter_space.Space(analytic.parameters)

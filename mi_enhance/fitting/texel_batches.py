@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import copy
+import dataclasses
+import functools
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
 
+import mitsuba as mi
 import numpy as np
 
 from ..analytic.parameter_space import Space
 from ..data.measurements import Measurements
+from ..material.material import Material
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..system.progress import Callback, Progress, silent
+from ..system.workers import alone, run_all
 from . import multistart
 from .library_prior import Prior
 from .objective import Objective
@@ -27,10 +36,19 @@ class TexelSamples:
         Reflectance of each texel.
     rng : numpy.random.Generator
         For the order.
+    executor : concurrent.futures.Executor, optional
+        Who fits the batches; this process if left out.
     """
 
-    def __init__(self, wi: np.ndarray, wo: np.ndarray, f: np.ndarray, rng: np.random.Generator):
-        self.n = f.shape[-2]
+    def __init__(
+        self,
+        wi: np.ndarray,
+        wo: np.ndarray,
+        f: np.ndarray,
+        rng: np.random.Generator,
+        executor: Executor | None = None,
+    ):
+        self.n, self.executor = f.shape[-2], executor
         order = rng.permutation(self.n)
         wi, wo, self.f = (np.asarray(a, np.float32)[..., order, :] for a in (wi, wo, f.reshape(-1, self.n, 3)))
         self.wi, self.wo = (a if a.ndim == 2 else a.reshape(self.f.shape) for a in (wi, wo))
@@ -39,6 +57,13 @@ class TexelSamples:
         """Return the loss of the texels `index`, which may repeat, on their first `n_samples` samples."""
         n = n_samples
         return stacked(brdf, *(a[:n] if a.ndim == 2 else a[index, :n] for a in (self.wi, self.wo, self.f)))
+
+    def part(self, index: np.ndarray) -> TexelSamples:
+        """Return the samples of the texels `index` alone, which another process can be given."""
+        result = copy.copy(self)
+        result.wi, result.wo = (a if a.ndim == 2 else a[index] for a in (self.wi, self.wo))
+        result.f, result.executor = self.f[index], None
+        return result
 
     def fit(
         self,
@@ -68,15 +93,64 @@ class TexelSamples:
             ``progress(Progress)`` after every batch, in texels.
         """
         index = np.arange(len(self.f)) if index is None else index
-        space, step = Space(brdf.parameters), max(1, multistart.LANES // self.n)
-        found = []
-        for k in range(0, len(index), step):
-            part = index[k : k + step]
-            prior = known(part) if known else None
-            found.append(multistart.minimize(self, brdf, part, starts(part), stages, space=space, known=prior))
-            progress(Progress(label, k + len(part), len(index), {"loss": float(found[-1][1].mean())}))
-        u, losses = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        step = max(1, multistart.LANES // self.n)
+        parts = [index[k : k + step] for k in range(0, len(index), step)]
+
+        def batch(k: int) -> _Batch:
+            return _Batch(self.part(parts[k]), starts(parts[k]), known(parts[k]) if known else None)
+
+        def tell(found: Mapping) -> None:
+            if found:
+                losses = list(found.values())[-1][1]
+                n = sum(len(loss) for _, loss in found.values())
+                progress(Progress(label, n, len(index), {"loss": float(losses.mean())}))
+
+        if self.executor is None:
+            found = list(run_all(lambda k: batch(k).fit(brdf, stages), range(len(parts)), tell=tell).values())
+        else:
+            batches = [batch(k) for k in range(len(parts))]
+            run = functools.partial(_fit_elsewhere, _packed(brdf), mi.variant() or "", tuple(stages))
+            done = run_all(run, batches, self.executor, tell)
+            found = [done[one] for one in batches]
+        u, losses = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         return u, losses
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Batch:
+    """Texels that are fitted together, and what they start from."""
+
+    samples: TexelSamples
+    starts: np.ndarray
+    known: Prior | None
+
+    def fit(self, brdf: EnhancedBRDF, stages: Sequence[multistart.Stage]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best parameters and losses."""
+        index, space = np.arange(len(self.samples.f)), Space(brdf.parameters)
+        return multistart.minimize(self.samples, brdf, index, self.starts, stages, space=space, known=self.known)
+
+
+def _fit_elsewhere(
+    network: bytes, variant: str, stages: Sequence[multistart.Stage], batch: _Batch
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fit one batch in a process that is given the BRDF as the file of a material."""
+    with alone(variant):
+        return batch.fit(_unpacked(network), stages)
+
+
+def _packed(brdf: EnhancedBRDF) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "network.bsdf"
+        Material(brdf, {}).save(path)
+        return path.read_bytes()
+
+
+@functools.lru_cache(4)
+def _unpacked(network: bytes) -> EnhancedBRDF:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "network.bsdf"
+        path.write_bytes(network)
+        return Material.load(path).brdf
 
 
 def check(where: str, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> tuple[int, int]:

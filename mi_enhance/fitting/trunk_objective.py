@@ -63,9 +63,10 @@ class TrunkObjective(Objective):
         read = trunk.matrix(u[:, self.n_rest :].astype(np.float32))
         h = np.zeros((b, u.shape[1], u.shape[1]))
         g, total = np.zeros(u.shape), np.zeros(b)
-        ones = np.ones((b, 1, n), np.float32)
+        seen, diagonal = np.append(phi, np.ones((b, 1, n), np.float32), 1), np.zeros(u.shape)
         place = self.n_rest + np.arange(trunk.size).reshape(n_slots, trunk.channels, -1)
         some = min(n, _CURVATURE)
+        seen_squared = np.square(seen).transpose(0, 2, 1)
         parts, indices = [], []
         for c in range(3):
             direct, slopes, value = np.split(found[:, c], [self.n_rest, n_rows - 1], axis=1)
@@ -75,14 +76,20 @@ class TrunkObjective(Objective):
             smooth = np.sqrt(np.square(value) + np.square(epsilon, dtype=np.float32)[:, None, None])
             total += smooth.sum((1, 2), dtype=np.float64)
             pull = (value / smooth).transpose(0, 2, 1)
-            linear = np.matmul(slopes * pull.transpose(0, 2, 1), np.append(phi, ones, 1).transpose(0, 2, 1))
+            linear = np.matmul(slopes * pull.transpose(0, 2, 1), seen.transpose(0, 2, 1))
             g[:, indices[c]] += np.append(np.matmul(direct, pull), linear.reshape(b, -1, 1), 1)[:, :, 0]
+            if some < n:
+                squares = np.matmul(np.square(slopes) / smooth, seen_squared).reshape(b, -1)
+                diagonal[:, indices[c]] += np.append((np.square(direct) / smooth).sum(2), squares, 1)
             for k, first in itertools.product(range(b), range(0, some, _BLOCK)):
                 part = slice(first, min(first + _BLOCK, some))
                 scale = np.sqrt(1 / smooth[k, 0, part])
                 parts.append((c, k, (direct[k][:, part], slopes[k][:, part], phi[k][:, part], scale)))
         for (c, k, _), product in zip(parts, in_threads(lambda v: _product(*v[2]), parts), strict=True):
             h[k][np.ix_(indices[c], indices[c])] += product * (n / some)
+        # A number that hardly any of these samples feels must not take a huge step: it has the curvature of all.
+        at = np.arange(u.shape[1])
+        h[:, at, at] = np.maximum(h[:, at, at], diagonal)
         return h / (3 * n), g / (3 * n), total / (3 * n)
 
     def _f(self, record: dict, logs: list) -> Any:

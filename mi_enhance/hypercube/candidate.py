@@ -6,18 +6,15 @@ any process on any machine that sees the folder, be killed, and go on elsewhere 
 
 from __future__ import annotations
 
-import gc
 import json
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from ..system.files import read_json, write_text
+from ..system.workers import alone
 from ..training.trainer import Trainer
 from . import states
 from .inheritance import inherit
@@ -25,7 +22,6 @@ from .judging import cost, judge
 from .setup import Setup, candidate_folder
 
 _SAVES = 4  # checkpoints of one candidate
-_lock = threading.Lock()  # a worker process may have several threads; Dr.Jit records one step at a time
 
 
 def train_candidate(
@@ -53,13 +49,8 @@ def train_candidate(
         aside, mean over materials; infinite if the training diverged), ``training`` (mean of the last tenth of its
         steps), ``cost``, ``seconds`` of the steps.
     """
-    with _lock:
-        mi.set_variant(variant)
-        if threads:
-            dr.set_thread_count(threads)
-        result = _train(Path(folder), stage, digits, parent)
-        gc.collect()  # the frozen steps of this trainer
-        return result
+    with alone(variant, threads):
+        return _train(Path(folder), stage, digits, parent)
 
 
 def _train(folder: Path, stage: int, digits: states.State, parent: states.State) -> dict:

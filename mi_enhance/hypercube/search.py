@@ -13,7 +13,7 @@ import functools
 import json
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
 from ..system.variants import require_rgb
+from ..system.workers import run_all
 from ..training.analytic_start import analytic_start, representative, validate
 from ..training.sources import Source, build
 from ..training.trainer import Trainer
@@ -180,27 +181,11 @@ def _stage(setup: Setup, folder: Path, stages: list[dict], executor: Executor | 
     number = len(stages) + 1
     current, around = current_of(setup, stages), candidates_of(setup, stages)
     begun = time.perf_counter()
-    results: dict[states.State, dict] = {}
-
-    def tell() -> None:
-        progress(Progress(f"stage {number}", len(results), len(around)))
-
-    tell()
     threads = 0 if executor is None else 1
     run = functools.partial(
         candidate.train_candidate, str(folder), number, parent=current, variant=mi.variant() or "", threads=threads
     )
-    if executor is None:
-        for digits in around:
-            results[digits] = run(digits)
-            tell()
-    else:
-        futures = {executor.submit(run, digits): digits for digits in around}
-        pending = set(futures)
-        while pending:
-            done, pending = wait(pending, timeout=1, return_when=FIRST_COMPLETED)
-            results |= {futures[future]: future.result() for future in done}
-            tell()
+    results = run_all(run, around, executor, lambda done: progress(Progress(f"stage {number}", len(done), len(around))))
     price = setup.settings.price
     rows = [{**r, "score": r["loss"] * (1 + price * r["cost"])} for r in (results[digits] for digits in around)]
     unchanged = rows[0]

@@ -12,7 +12,7 @@ import numpy as np
 from ..system.garbage_collection import no_collection
 from .adam import Adam
 from .image_loss import Measure
-from .mitsuba_plugins import evaluated
+from .plugin_tables import evaluated
 from .scene_materials import get, put
 from .targets import Target
 from .unknowns import Unknown
@@ -109,19 +109,14 @@ class Descent:
     def _update(self, attach: bool) -> dict:
         """Hand the values to the scene; return those that gradients arrive at, by key."""
         self._hand_over(self.values(), attach)
-        values = {u.key: self.params[u.key] for u in self.unknowns}
-        return values | self._factors(attach)
+        return {u.key: self.params[u.key] for u in self.unknowns}
 
-    def _factors(self, attach: bool = False) -> dict[str, mi.Float]:
-        """The brightness of all light and of each photograph, 1 where it is not sought."""
-        values, sizes = self.values(), (1, len(self.fitted))
-        factors = {
-            key: evaluated(values[key] if key in values else np.ones(size))
-            for key, size in zip(self._factor_keys, sizes, strict=True)
-        }
-        if attach:
-            dr.enable_grad([factor for key, factor in factors.items() if key in values])
-        return factors
+    def _brightness(self, target: Target) -> np.ndarray:
+        """Return what the pixels of a render are to be multiplied by, (H, W, 1)."""
+        values, factor = self.values(), np.ones((*target.numbers.shape, 1))
+        if self.light:
+            factor *= values[self.light.key]
+        return factor * values[self.exposures.key][target.numbers][..., None] if self.exposures else factor
 
     def _hand_over(self, values: Mapping[str, np.ndarray], attach: bool = False) -> None:
         for u in self.unknowns:
@@ -146,12 +141,9 @@ class Descent:
             finally:
                 self._hand_over(self.values())
         with no_collection():
-            factors = tuple(self._factors().values())
-            return np.array(
-                self._compiled(self._trace_primal, target.image.shape, spp)(
-                    self.scene, target.sensor, target.number, factors, dr.opaque(mi.UInt32, seed), spp
-                )
-            )
+            function = self._compiled(self._trace_primal, target.image.shape, spp)
+            image = np.array(function(self.scene, target.sensor, dr.opaque(mi.UInt32, seed), spp))
+        return self._brightness(target) * image
 
     def _compiled(self, function: Callable, shape: tuple[int, ...], spp: int) -> Callable:
         """Return a function that is traced once: tracing a scene with networks takes longer than running it.
@@ -163,39 +155,51 @@ class Descent:
             self._frozen[key] = dr.freeze(function)
         return self._frozen[key]
 
-    def _backward(self, *arguments):
-        if self._is_textured:
-            return self._trace_backward(*arguments)
-        return self._compiled(self._trace_backward, arguments[3].shape, arguments[-1])(*arguments)
-
-    def _trace_primal(self, scene, sensor, number, factors, seed, spp: int):
+    def _trace_primal(self, scene, sensor, seed, spp: int):
         with dr.suspend_grad():
-            image = mi.render(scene, sensor=sensor, integrator=self._path, spp=spp, seed=seed)
-            return _brightness(factors, number, image.shape) * image
+            return mi.render(scene, sensor=sensor, integrator=self._path, spp=spp, seed=seed)
 
-    def _trace_backward(self, scene, values, sensor, image, weight, saturated, number, seen, seed, spp: int):
+    def _trace_backward(self, scene, values, sensor, pull, seed, spp: int):
         # values are an argument although the scene knows them: gradients arrive there
-        target = Target([], sensor, image, weight, saturated, number)
-        factors = tuple(values[key] for key in self._factor_keys)  # by key: `dr.freeze` sorts them
-        # prb draws other random numbers for the gradient than for the image; that of a factor is that of `seen`
-        few = max(1, spp // _GRADIENT_SHARE)
-        image = mi.render(
-            scene, self.params, sensor=sensor, integrator=self._gradients, spp=spp, spp_grad=few, seed=seed
+        self._gradients.render_backward(scene, values, pull, sensor, seed, spp)
+
+    def _backward(self, values: dict, sensor, pull: np.ndarray, spp: int) -> None:
+        """Have the derivatives of an image with the weights `pull` (H, W, 3) arrive at `values`."""
+        nodes = [one for one in self.params.hierarchy if hasattr(one, "set_folded_apart")]
+        apart = {f"apart{k}": node.set_folded_apart() for k, node in enumerate(nodes)}
+        arguments = (
+            self.scene,
+            values | {key: array for key, array in apart.items() if array is not None},
+            sensor,
+            mi.TensorXf(evaluated(pull), pull.shape),
+            dr.opaque(mi.UInt32, self._next_seed()),
+            spp,
         )
-        factor = _brightness(factors, number, image.shape)
-        rendered = dr.detach(factor) * image + (factor / dr.detach(factor) - 1) * seen
-        dr.backward(self.measure.pull(rendered, seen, target))
-        return dr.detach(rendered)
+        function = self._trace_backward
+        with no_collection():
+            if self._is_textured:
+                function(*arguments)
+            else:
+                self._compiled(function, pull.shape, spp)(*arguments)
+            for node in nodes:
+                node.hand_on_gradients()
 
-    @property
-    def _factor_keys(self) -> tuple[str, str]:
-        return self.light.key if self.light else "light", self.exposures.key if self.exposures else "exposures"
+    def _of_factors(self, slope: np.ndarray, target: Target) -> dict[str, np.ndarray]:
+        """Return the derivatives for the brightness of light and photographs, from those for the log of each pixel."""
+        values, result = self.values(), {}
+        if self.light:
+            result[self.light.key] = slope.sum() / values[self.light.key]
+        if self.exposures:
+            own = np.bincount(target.numbers.ravel(), slope.ravel(), len(self.fitted))
+            result[self.exposures.key] = own / values[self.exposures.key]
+        return result
 
-    def _finite(self, image: np.ndarray, instead) -> np.ndarray:
-        """The image without values that are not finite, which are counted."""
+    def _render_finite(self, target: Target, spp: int) -> np.ndarray:
+        """Return a new render; values that are not finite are counted, and are those of the photograph."""
+        image = self.render(target, spp, self._next_seed())
         finite = np.isfinite(image)
         self.nonfinite_pixels += int((~finite).sum())
-        return np.where(finite, image, instead).astype(np.float32)
+        return np.where(finite, image, target.image)
 
     def _next_seed(self) -> int:
         self._seed += 1
@@ -205,29 +209,22 @@ class Descent:
 
     def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> np.ndarray:
         """Take a step against the gradient; return the mean of two renders, whose loss is in the curve."""
-        # independent of the render whose difference is squared: what weighs a pixel must not know its noise
-        seen = self._finite(self.render(target, spp, self._next_seed()), np.array(target.image))
+        # Independent of each other: what weighs the difference of a pixel must not know its noise.
+        one, two = (self._render_finite(target, max(1, spp // 2)) for _ in range(2))
+        pulls = [0.5 * self.measure.pull(a, b, target) for a, b in ((one, two), (two, one))]
         values = self._update(attach=True)
-        with no_collection():
-            image = self._backward(
-                self.scene,
-                values,
-                target.sensor,
-                target.image,
-                target.weight,
-                target.saturated,
-                target.number,
-                mi.TensorXf(evaluated(seen), seen.shape),
-                dr.opaque(mi.UInt32, self._next_seed()),
-                spp,
-            )
-        seen = (seen + self._finite(np.array(image), seen)) / 2
+        pull = sum(pulls) * self._brightness(target)
+        self._backward(values, target.sensor, pull, max(1, spp // _GRADIENT_SHARE))
+        gradients = {u.key: np.array(dr.grad(values[u.key]), np.float64).ravel() for u in self.unknowns}
+        # the logarithm of a factor: a difference meets the render that it was not made of
+        gradients |= self._of_factors((pulls[0] * two + pulls[1] * one).sum(-1, dtype=np.float64), target)
         for u in self._all():
-            self._move(u, np.array(dr.grad(values[u.key]), np.float64).ravel(), rate, hold_late and u.is_late)
+            self._move(u, gradients[u.key], rate, hold_late and u.is_late)
+        mean = (one + two) / 2
         seconds = time.perf_counter() - self.start
-        loss = self.measure.loss(seen, target)
+        loss = self.measure.loss(mean, target)
         self.curve.append({"step": len(self.curve) + 1, "seconds": seconds, "loss": loss})
-        return seen
+        return mean
 
     def _move(self, u: Unknown, gradient: np.ndarray, rate: float, is_held: bool) -> None:
         moved = self._moved[u.key]
@@ -245,10 +242,3 @@ class Descent:
     def settle(self) -> None:
         """Hand the values of the last step to the scene, without gradients."""
         self._update(attach=False)
-
-
-def _brightness(factors: Sequence[mi.Float], number: mi.UInt32, shape: tuple[int, ...]) -> mi.TensorXf:
-    """Return what the values of a render are to be multiplied by."""
-    light, exposures = factors
-    own = dr.gather(mi.Float, exposures, dr.minimum(number, dr.width(exposures) - 1))
-    return mi.TensorXf(light * own, shape)

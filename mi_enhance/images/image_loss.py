@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from .targets import Target
 
 LOSSES = ("log", "relative")
-
-
 _NEAR = 0.02
 
 
@@ -28,9 +24,9 @@ def ratio(targets: Sequence[Target], images: Sequence[np.ndarray], number: int |
     """Median of photograph over image, where a pixel counts and neither is dark; of one photograph, by its number."""
     ratios = []
     for target, image in zip(targets, images, strict=True):
-        truth = np.array(target.image).mean(-1)
-        used = (np.array(target.weight)[..., 0] > 0) & (truth > 0) & (image.mean(-1) > 0)
-        used &= ~np.array(target.saturated).any(-1)
+        truth = target.image.mean(-1)
+        used = (target.weight[..., 0] > 0) & (truth > 0) & (image.mean(-1) > 0)
+        used &= ~target.saturated.any(-1)
         if number is not None:
             used &= target.numbers == number
         ratios.append(truth[used] / image.mean(-1)[used])
@@ -59,32 +55,31 @@ class Measure(NamedTuple):
 
     def loss(self, image: np.ndarray, target: Target) -> float:
         """The loss of an image with little noise, (H, W, 3)."""
-        truth, weight = np.array(target.image), np.array(target.weight)
-        x = np.where(np.array(target.saturated), np.minimum(image, truth), image)
+        truth, weight = target.image, target.weight
+        x = np.where(target.saturated, np.minimum(image, truth), image)
         if self.kind == "log":
             difference = np.log1p(np.maximum(x, 0) / self.scale) - np.log1p(truth / self.scale)
         else:
             difference = (x - truth) / (truth + self.scale)
         return float((weight * np.abs(difference)).sum(dtype=np.float64))
 
-    def pull(self, image: mi.TensorXf, seen: mi.TensorXf, target: Target):
-        """Return a surrogate loss, whose gradient is that of the loss, without bias for a noisy image.
+    def pull(self, image: np.ndarray, other: np.ndarray, target: Target) -> np.ndarray:
+        """Return the derivative of the loss with respect to a noisy render, (H, W, 3), without bias.
 
         The absolute value of a noisy difference would be least where the median of a render is the photograph, and
         noise of light is skewed: colours came out 10 % too bright at 16 samples. So the difference is squared, over its
-        size in an independent image with less noise: reweighted least squares.
+        size in an independent render: reweighted least squares.
 
         Parameters
         ----------
-        image : mi.TensorXf
-            Differentiable render; its noise must not be that of its gradient.
-        seen : mi.TensorXf
-            Mean of earlier renders.
+        image : array (H, W, 3)
+            Its noise must not be that of the gradient which is multiplied by this.
+        other : array (H, W, 3)
+            Independent of `image`.
         """
-        truth = target.image
-        slope = 1 / ((dr.maximum(seen, 0) if self.kind == "log" else truth) + self.scale)
+        truth, saturated = target.image, target.saturated
+        slope = 1 / ((np.maximum(other, 0) if self.kind == "log" else truth) + self.scale)
         # a share of the brightness: what is explained to within the noise pulls in proportion to its distance
-        size = dr.abs(seen - truth) + _NEAR * (truth + self.scale)
-        free = (target.saturated & (seen >= truth)) | ~dr.isfinite(image)
-        difference = dr.select(free, 0, image - truth)
-        return dr.sum(0.5 * target.weight * slope / size * dr.square(difference), axis=None)
+        size = np.abs(other - truth) + _NEAR * (truth + self.scale)
+        free = saturated & (other >= truth)
+        return np.where(free, 0, target.weight * slope / size * (image - truth))

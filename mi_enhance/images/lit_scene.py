@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..data.lights import Light
-from .mitsuba_plugins import LIGHT_ROWS, photograph_lights
+from .plugin_tables import LIGHT_ROWS, photograph_lights
 
 _FAR = 4  # radii of the scene: beyond everything in it
 

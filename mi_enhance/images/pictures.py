@@ -21,7 +21,7 @@ _PERCENTILE = 99.5  # top of the error maps: a few edges must not make every map
 def preview(target: Target, image: np.ndarray, path: str | Path) -> None:
     """Write the first views of a target as PNG, photographs over the render of an iteration."""
     width = target.views[0].size[0] * min(_SHOWN, len(target.views))
-    both = np.concatenate([np.array(target.image)[:, :width], image[:, :width]])
+    both = np.concatenate([target.image[:, :width], image[:, :width]])
     bitmap = mi.Bitmap(np.round(encode_srgb(both) * 255).astype(np.uint8))
     with replacing(path) as temporary:
         bitmap.write(temporary)

@@ -91,8 +91,8 @@ def with_best_colours(
         params.update()
         return np.concatenate([render(t).reshape(-1, 3) for t in targets])
 
-    truth = np.concatenate([np.array(t.image).reshape(-1, 3) for t in targets])
-    weight = np.concatenate([np.array(t.weight).reshape(-1, 3) for t in targets]) / len(targets)
+    truth = np.concatenate([t.image.reshape(-1, 3) for t in targets])
+    weight = np.concatenate([t.weight.reshape(-1, 3) for t in targets]) / len(targets)
     if not colours:
         return material, _error(pictures(), truth, weight, scale)
     dark = {p.name: _DARK for p in colours}

@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .mitsuba_plugins import CAMERA_ROWS, evaluated, fill, pixel_camera
+from .plugin_tables import CAMERA_ROWS, fill, pixel_camera
 from .views import View
 
 # Most pixels that are rendered at once: prb keeps about 1 kB per path with 69 unknowns, 8 samples make that 2 GB.
@@ -28,27 +26,22 @@ class Target:
     views : list of View
         Side by side; empty for random pixels.
     sensor : mi.Sensor
-    image : mi.TensorXf
-        Of shape (H, W, 3), of views (H, views * W, 3).
-    weight : mi.TensorXf
+    image : array (H, W, 3), float32
+        Of views (H, views * W, 3).
+    weight : array (H, W, 3), float32
         1 where a pixel counts, over how many do.
-    saturated : mi.TensorXb
+    saturated : array (H, W, 3) of bool
         Where the photograph is known from below only.
-    number : mi.UInt32
-        Of the photograph, for every value of the image.
+    numbers : array (H, W) of int
+        Of the photograph of every pixel.
     """
 
     views: list[View]
-    sensor: Any
-    image: mi.TensorXf
-    weight: mi.TensorXf
-    saturated: Any
-    number: mi.UInt32
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """Number of the photograph of every pixel, (H, W)."""
-        return np.array(self.number).reshape(self.image.shape)[..., 0]
+    sensor: mi.Sensor
+    image: np.ndarray
+    weight: np.ndarray
+    saturated: np.ndarray
+    numbers: np.ndarray
 
 
 def targets(views: Sequence[View], factor: int = 1, numbers: Mapping[str, int] | None = None) -> list[Target]:
@@ -90,16 +83,8 @@ def _target(views: list[View], numbers: Mapping[str, int]) -> Target:
 
 
 def _made(views, sensor, image, weight, saturated, number) -> Target:
-    is_saturated, numbers = evaluated(saturated) > 0.5, mi.UInt32(evaluated(np.repeat(number, 3)))
-    dr.eval(is_saturated, numbers)  # or `dr.freeze` would record anew
-    return Target(
-        views,
-        sensor,
-        mi.TensorXf(evaluated(image), image.shape),
-        mi.TensorXf(evaluated(weight), weight.shape),
-        mi.TensorXb(is_saturated, saturated.shape),  # type: ignore[operator]  # a class, unknown to Mitsuba's stubs
-        numbers,
-    )
+    numbers = np.asarray(number, np.int64).reshape(image.shape[:2])
+    return Target(views, sensor, image, weight.astype(np.float32), saturated, numbers)
 
 
 def camera(view: View) -> np.ndarray:
@@ -111,7 +96,7 @@ def camera(view: View) -> np.ndarray:
 
 
 def rays(cameras: np.ndarray, x: np.ndarray, y: np.ndarray, number: np.ndarray | int) -> np.ndarray:
-    """Return the table of a :func:`mi_enhance.images.mitsuba_plugins.pixel_camera`.
+    """Return the table of a :func:`mi_enhance.images.plugin_tables.pixel_camera`.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ def changes_of(descent: Descent, unknowns: Sequence[Unknown], targets: Sequence[
         scale = descent.measure.scale
         with np.errstate(invalid="ignore"):  # infinite in both renders: no change that could be seen
             change = np.abs(np.log1p(np.maximum(after, 0) / scale) - np.log1p(np.maximum(before, 0) / scale))
-        change = np.where((np.array(target.weight) > 0) & np.isfinite(change), change, 0)
+        change = np.where((target.weight > 0) & np.isfinite(change), change, 0)
         np.maximum.at(result, np.searchsorted(numbers, target.numbers.ravel()), change.max(-1).ravel())
     return result
 

@@ -23,6 +23,7 @@ def minimize(
     *,
     steps: int = 40,
     tolerance: float = 1e-4,
+    tries: int = 2,
     callback: Callable | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimise B independent losses inside a box.
@@ -41,6 +42,8 @@ def minimize(
         Most linearizations.
     tolerance : float
         Stop when three steps in a row improve no problem by more than this share.
+    tries : int
+        Lengths of a step, each with more damping, before the next linearization.
     callback : callable, optional
         ``callback(step, losses)`` after each step.
 
@@ -69,7 +72,7 @@ def minimize(
         h, g, _ = normal_equations(u, np.maximum(_SMOOTH * best, 1e-6))
         before = best.copy()
         done = np.zeros(len(u), bool)
-        for _ in range(2):  # retry with more damping what did not improve
+        for _ in range(tries):  # retry with more damping what did not improve
             trial = np.where(done[:, None], u, np.clip(u + _direction(h, g, u, low, high, damping), low, high))
             value = loss(trial)
             better = ~done & (value < best)  # NaN compares false: such a trial is never taken
@@ -92,7 +95,8 @@ def _direction(h, g, u, low, high, damping) -> np.ndarray:
     free = ~(((u <= low) & (g > 0)) | ((u >= high) & (g < 0)))
     diagonal = np.einsum("bpp->bp", h)
     # Unknowns the data says nothing about have a zero row: this floor keeps the matrix regular, their step is 0.
-    floor = 1e-6 * diagonal.max(1, keepdims=True) + 1e-30
+    # Held ones do not count: behind a colour held at 0 a factor may have grown without bound, and its row with it.
+    floor = 1e-6 * np.where(free, diagonal, 0).max(1, keepdims=True) + 1e-30
     scale = np.maximum(diagonal, floor)
     a = np.where(free[:, :, None] & free[:, None, :], h, 0.0)
     index = np.arange(u.shape[1])

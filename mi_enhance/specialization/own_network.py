@@ -26,8 +26,10 @@ from ..system.progress import Callback, Progress, silent
 from . import distillation
 from .own_problem import OwnProblem
 
-_SEEDS, _FEW = 3, 2048  # first weights that are tried, on how many samples
-_STAGES = ((2048, 15), (4096, 15), (12288, 25), (32768, 20), (1 << 17, 10))  # samples, most steps
+_SEEDS, _FEW = 4, 4096  # first weights that are tried, on how many samples: on fewer the best is not yet seen
+_STAGES = ((2048, 8), (4096, 15), (12288, 25), (32768, 20), (1 << 17, 10))  # samples, most steps
+# Curvature of a part of the samples may ask for far too long steps: a shorter one costs less than a new linearization.
+_TRIES = 6
 _UNSEEN = 8192  # samples that are not learned; they decide when to stop
 # A feature that varies by less, as the azimuth where both roughnesses are equal, is not blown up.
 _MIN_SPREAD = 0.05
@@ -69,7 +71,7 @@ def own_network(
     """
     start = _isotropic(material) if _is_isotropic(material) and not hold else material
     make = _problems(start, hidden, reciprocal, hold)
-    few = make(seen, _FEW)
+    few = make(seen, _STAGES[0][0])
     low, high = few.box()
     trials = [few.first(np.random.default_rng((seed, k))) for k in range(_SEEDS)]
     best, judge = None, make(unseen, len(unseen.f))
@@ -79,11 +81,20 @@ def own_network(
         for u in trials:
             found.append(
                 levenberg_marquardt.minimize(
-                    problem.loss, problem.normal_equations, u[None], low, high, steps=steps, tolerance=3e-4
+                    problem.loss,
+                    problem.normal_equations,
+                    u[None],
+                    low,
+                    high,
+                    steps=steps,
+                    tolerance=3e-4,
+                    tries=_TRIES,
                 )
             )
-        u = min(found, key=lambda pair: pair[1][0])[0][0]
-        error = float(judge.loss(u[None])[0])
+        trials = [u[0] for u, _ in found]
+        if n < min(_FEW, len(seen.f)):
+            continue
+        u, error = min(((u, float(judge.loss(u[None])[0])) for u in trials), key=lambda pair: pair[1])
         progress(Progress(f"network {'-'.join(map(str, hidden))}, {n} samples", 1, 1, {"error": error}))
         if best is not None and n >= _LAST and error > best[1] * (1 - _ENOUGH):
             break

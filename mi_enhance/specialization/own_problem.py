@@ -161,7 +161,7 @@ class OwnProblem:
         n_p, n_s = len(leaves), len(self.slots)
         found = columns.matrix(columns.pack(rows), len(rows)).reshape(_CHANNELS, 1 + n_p + n_s, self.n)
         p, q = u.shape[1], self.moving.shape[1]
-        h, g, total = np.zeros((p, p)), np.zeros(p), 0.0
+        h, g, diagonal, total = np.zeros((p, p)), np.zeros(p), np.zeros(p), 0.0
         some = min(self.n, _CURVATURE)
         moving = self.moving.astype(np.float32)
         places = self._places(q)
@@ -180,10 +180,15 @@ class OwnProblem:
                 pairs += [(seen, dz), (pairs[0][0], dz)]
             pull = (weight * value)[:, None]
             g[indices[c]] += np.concatenate([((d * pull).T @ seen).ravel() for seen, d in pairs])
+            if some < self.n:
+                squares = [((d * d * weight[:, None]).T @ (seen * seen)).ravel() for seen, d in pairs]
+                diagonal[indices[c]] += np.concatenate(squares)
             for part in range(0, some, _PART):
                 parts.append((c, pairs, weight, slice(part, min(part + _PART, some))))
         for (c, *_), hc in zip(parts, in_threads(lambda v: _products(*v[1:]), parts), strict=True):
             h[np.ix_(indices[c], indices[c])] += hc * (self.weights.sum() / self.weights[:some].sum())
+        # A weight that hardly any of these samples feels must not take a huge step: it has the curvature of all.
+        np.fill_diagonal(h, np.maximum(h.diagonal(), diagonal))
         n = _CHANNELS * self.weights.sum()
         return h[None] / n, g[None] / n, np.array([total / n])
 

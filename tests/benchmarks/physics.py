@@ -25,6 +25,7 @@ from mi_enhance.benchmark.timing import clock, interleaved, machine, spread
 from mi_enhance.evaluation.check import albedo
 from mi_enhance.material.material import Material
 from mi_enhance.output.figure import sheet
+from mi_enhance.system.bundled_files import DEFAULT_NETWORK
 from mi_enhance.system.files import replacing
 
 _COLUMNS = {
@@ -56,6 +57,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="out/physics", help="folder (default: %(default)s)")
     parser.add_argument("--edits", type=int, default=1000, help="random materials (default: %(default)s)")
     parser.add_argument("--samples", type=int, default=100_000, help="of each file (default: %(default)s)")
+    parser.add_argument("-m", "--network", default=DEFAULT_NETWORK, help="fitted to the files (default: %(default)s)")
     parser.add_argument("--averaged", action="store_true", help="fit to the average of both orders of each pair")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
@@ -159,8 +161,8 @@ def _fitted(file: str, args) -> dict:
     measurements = data.load(file, n_samples=args.samples, seed=args.seed)
     if args.averaged:
         measurements = dataclasses.replace(measurements, f=common.averaged(measurements, file))
-    free = fit(Material.pretrained("ggx2"), measurements, seed=args.seed)
-    both = fit(Material.pretrained("ggx2"), measurements, reciprocal=True, bound_energy=True, seed=args.seed)
+    free = fit(Material.pretrained(args.network), measurements, seed=args.seed)
+    both = fit(Material.pretrained(args.network), measurements, reciprocal=True, bound_energy=True, seed=args.seed)
     row = {"material": Path(file).stem.removesuffix("_rgb"), **_examine(both)}
     row["albedo_unbounded"] = float(_albedos(mi.load_dict({**both.to_dict(), "energy": False})).max())
     figures = {

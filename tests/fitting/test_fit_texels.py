@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,18 @@ def test_analytic_texels_are_recovered(llvm):
     assert maps.material.report == report
     assert report["n_texels"] == 12 and report["n_samples"] == S and report["seconds_per_1000"] > 0
     assert report["log_l1"] == pytest.approx(found.log_l1.mean())
+
+
+def test_an_executor_finds_the_same(llvm, network, monkeypatch):
+    """Batches and network go to it as other processes would get them."""
+    monkeypatch.setattr(multistart, "LANES", 3 * S)  # 2 batches
+    wi, wo, f, _ = surface(1, 5)
+    here = fit_texels(network(), wi, wo, f, seed=1)
+    with ThreadPoolExecutor(2) as pool:
+        there = fit_texels(network(), wi, wo, f, seed=1, executor=pool)
+    np.testing.assert_array_equal(there.log_l1, here.log_l1)
+    for name, values in here.maps.maps.items():
+        np.testing.assert_array_equal(there.maps.maps[name], values)
 
 
 def test_errors_are_those_of_the_maps(llvm):

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from plugin_scenes import ball
 
+from mi_enhance.analytic import parameters
 from mi_enhance.images import targets, unknowns
 from mi_enhance.images.cameras import around
 from mi_enhance.images.scene_materials import get, put
 from mi_enhance.material.material import Material
+from mi_enhance.neural.enhance import enhance
 
 MANY = 1024  # samples per pixel
 # Both sides are noisy: a render sees its sampling change with the parameter, which `prb` leaves out, and float32
@@ -72,3 +74,29 @@ def test_all_parameters_of_ggx2_against_differences_of_renders(llvm):
             allowed = NOISE * np.abs(differences).max() + 2e-3 * level
             np.testing.assert_allclose(gradients[u.key], differences, atol=allowed, err_msg=name)
             assert np.abs(gradients[u.key]).max() > 0, name
+
+
+def test_gradients_that_arrive_at_what_is_folded_are_those_of_the_parameters(llvm):
+    """The same paths; float32 adds them up in another order."""
+    network = enhance("ggx", ("F", "G"), hidden=(4, 4), seed=3)
+    scene = ball(
+        {**Material(network, parameters.initial(network.parameters)).to_dict(), "id": "m"},
+        integrator={"type": "prb", "max_depth": 2},
+    )
+    params, prb = mi.traverse(scene), scene.integrator()
+    (target,) = targets.targets(around(1, target=(0, 0, 0), distance=5, fov=25, resolution=8))
+    (bsdf,) = (node for node in params.hierarchy if hasattr(node, "set_folded_apart"))
+    found = []
+    for is_apart in (False, True):
+        for u in unknowns.enhanced(scene):
+            put(params, u.key, get(params, u.key))
+            dr.enable_grad(params[u.key])
+        params.update()
+        if is_apart:
+            assert bsdf.set_folded_apart() is not None
+        prb.render_backward(scene, params, dr.full(mi.TensorXf, 1.0, (8, 8, 3)), target.sensor, seed=1, spp=16)
+        bsdf.hand_on_gradients()
+        found.append({u.key: np.array(dr.grad(params[u.key])) for u in unknowns.enhanced(scene)})
+    for key, expected in found[0].items():
+        np.testing.assert_allclose(found[1][key], expected, atol=1e-4 * np.abs(expected).max() + 1e-9, err_msg=key)
+    assert max(np.abs(g).max() for key, g in found[1].items() if key.endswith("latent")) > 0

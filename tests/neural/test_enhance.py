@@ -27,7 +27,7 @@ def test_final_state_prints_as_in_the_paper():
 
 def test_unknown_inputs_are_refused():
     with pytest.raises(
-        ValueError, match=r'enhance\(\): inputs="angles" is unknown. Choose one of: shape, reciprocal, own, symmetric, directions'
+        ValueError, match=r'inputs="angles" is unknown. Choose one of: shape, reciprocal, own, symmetric, directions'
     ):
         enhance("ggx", inputs="angles")
 
