@@ -73,7 +73,9 @@ def determined(
     std = np.zeros(len(u))
     std[free] = np.sqrt(variance)
     names = [name for p in brdf.parameters for name in parameters.components(p)]
-    undetermined = [names[k] for k in free if not names[k].startswith(("read_out", "code")) and std[k] > _OPEN * spread[k]]
+    undetermined = [
+        names[k] for k in free if not names[k].startswith(("read_out", "code")) and std[k] > _OPEN * spread[k]
+    ]
     found = parameters.unflatten(brdf.parameters, std * space.slope(u))
     # not of the hundreds of numbers of a read-out, none of which means anything by itself
     return {name: v.tolist() for name, v in found.items() if name not in ("read_out", "code")}, undetermined

@@ -142,7 +142,9 @@ class Trunk:
         for slot in slots:
             first = self.rank * self.slots.index(slot)
             for channel in range(self.channels):
-                terms = [record["code"][k] * found[k * self.channels + channel] for k in range(first, first + self.rank)]
+                terms = [
+                    record["code"][k] * found[k * self.channels + channel] for k in range(first, first + self.rank)
+                ]
                 result.append(sum(terms[1:], terms[0]))
         return result
 

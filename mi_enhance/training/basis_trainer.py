@@ -166,7 +166,9 @@ def train_basis(
         For a rank below 1, or a state of another rank.
     """
     if rank < 1 or not isinstance(trained, TrunkTrainer):
-        raise ValueError(f"train_basis(): rank is {rank}, of a {type(trained).__name__}; needed: 1 or more, of a trunk.")
+        raise ValueError(
+            f"train_basis(): rank is {rank}, of a {type(trained).__name__}; needed: 1 or more, of a trunk."
+        )
     folder = Path(folder)
     trainer = BasisTrainer(trained, rank, steps)
     checkpoint = folder / "basis.npz"

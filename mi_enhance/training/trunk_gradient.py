@@ -85,7 +85,9 @@ class TrunkGradient:
             through, self.evaluators.pending = self._backward(weights, flat, dphi, data, index)
         return np.array(loss, np.float64) / n, direct + through, dr_.reshape(m, -1)
 
-    def to_logs(self, weights, flat, read_out, data, index, counts) -> tuple[mi.Float, mi.Float, np.ndarray, np.ndarray]:
+    def to_logs(
+        self, weights, flat, read_out, data, index, counts
+    ) -> tuple[mi.Float, mi.Float, np.ndarray, np.ndarray]:
         """Return what a step needs from the loss to the logarithms of the factors; arguments as of a call.
 
         Returns

@@ -48,6 +48,8 @@ def test_a_basis_is_trained_and_goes_on(llvm, tmp_path):
 
 
 def test_a_basis_needs_a_trunk_and_a_rank(llvm, tmp_path):
-    trained = train({"model": "ggx", "data": CONFIG["data"], "n_samples": 64, "steps": 0, "imitation_steps": 0}, tmp_path)
+    trained = train(
+        {"model": "ggx", "data": CONFIG["data"], "n_samples": 64, "steps": 0, "imitation_steps": 0}, tmp_path
+    )
     with pytest.raises(ValueError, match="of a trunk"):
         train_basis(trained, tmp_path)
