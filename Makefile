@@ -1,5 +1,6 @@
 # make demo    the main job on bundled real data, into out/demo
 # make test    the tests (make test-slow: those that take longer)
+# make test-oldest  some of them with the oldest versions of everything, in an environment of its own (out/oldest)
 # make lint    style, formatting, and who imports whom
 # make types   the types
 # make docs    the documentation site, into out/docs; a warning is an error (make docs-links: are links of others alive)
@@ -7,7 +8,7 @@
 # make venv    .venv with everything, a usable LLVM included; choose the Python with  make venv PYTHON=python3.12
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
-.PHONY: venv demo test test-slow lint types docs docs-links dist dist-check
+.PHONY: venv demo test test-slow test-oldest lint types docs docs-links dist dist-check
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -37,6 +38,15 @@ test: venv
 
 test-slow: venv
 	$(BIN)/python -m pytest -m slow
+
+# The oldest Python and the oldest versions that pyproject.toml promises; what reads and writes files, and the plugin.
+OLDEST_PYTHON ?= python3.10
+OLDEST := out/oldest
+OLDEST_TESTS := tests/test_package.py tests/material tests/data/test_table.py tests/system tests/numerics
+test-oldest:
+	test -x $(OLDEST)/bin/python || $(OLDEST_PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check -c tests/oldest.txt -e . pytest pytest-xdist hypothesis
+	$(OLDEST)/bin/python -m pytest -n $(WORKERS) $(OLDEST_TESTS)
 
 lint: venv
 	$(BIN)/ruff check .
