@@ -21,6 +21,7 @@ resolution, spp, n_fit = 32, 4, 2000""",
     "04_fit_from_images": """resolution, n_views, spp = 16, 2, 16
 stages, networks = [(1, 4, 4)], ("ggx",)""",
     "05_spatially_varying": 'size, n_samples, network, resolution, spp = 4, 32, "ggx", 32, 4',
+    "06_take_it_elsewhere": "n_samples, n_pairs, resolution, spp = 2000, 100, 32, 4",
 }
 
 
