@@ -6,22 +6,19 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..data.directions import sample_pairs
 from ..data.functions import Function, function_of
-from ..data.loading import is_scattered, load
+from ..data.loading import is_scattered
 from ..data.measurements import Measurements
 from ..data.scattered import interpolated
-from ..fitting.fit import fit
 from ..material.material import Material
 from ..system.files import material_name
 from ..system.progress import Callback, Progress, silent
 from . import plot_picture
+from .ancestor import fitted_ancestor
 from .lobe_curves import curves_of
 
 if TYPE_CHECKING:
     from PIL.Image import Image
-
-_FITTED = 20_000  # samples that the ancestor is fitted to: a fit of 12 numbers needs no more
 
 
 def plot(
@@ -75,8 +72,8 @@ def plot(
     functions["material" if is_enhanced else material.brdf.model.name] = material.evaluate
     if is_enhanced:
         progress(Progress("analytic ancestor", 0, len(functions) + 1))
-        label, f = _ancestor(material, measurements[0] if measurements else None, collected)
-        functions[label] = f
+        label, ancestor = fitted_ancestor(material, measurements[0] if measurements else None, collected)
+        functions[label] = ancestor.evaluate
     curves = {}
     for k, (name, f) in enumerate(functions.items()):
         progress(Progress(f"curves of {name}", k, len(functions)))
@@ -95,17 +92,3 @@ def _measured(measured: Measurements | str | Path, collected: str | None) -> tup
     if is_scattered(measured):
         return material_name(measured), function_of(measured)
     return collected or material_name(measured), function_of(measured, material=collected)
-
-
-def _ancestor(
-    material: Material, measured: Measurements | str | Path | None, collected: str | None
-) -> tuple[str, Function]:
-    """Return the analytic model of a material and what to call it."""
-    if measured is None:
-        wi, wo = sample_pairs(_FITTED)
-        samples = Measurements(wi, wo, material.evaluate(wi, wo))
-    elif isinstance(measured, Measurements):
-        samples = measured
-    else:
-        samples = load(measured, n_samples=_FITTED, material=collected)
-    return f"{material.brdf.model.name}, fitted", fit(Material.analytic(material.brdf.model), samples).evaluate

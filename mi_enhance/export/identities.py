@@ -53,7 +53,7 @@ def _is(x: Value, number: float) -> bool:
     return x.op == "constant" and x.kind != "bool" and x.args[0] == number
 
 
-def simplified(op: str, args: tuple, operation: Callable[..., Value]) -> Value | None:
+def simplified(op: str, args: tuple[Value, ...], operation: Callable[..., Value]) -> Value | None:
     """Return what an operation comes to where an operand is 0, 1, true or false; None if it stays as it is.
 
     Parameters
@@ -72,7 +72,7 @@ def simplified(op: str, args: tuple, operation: Callable[..., Value]) -> Value |
             if op == "mul" and _is(x, 0):
                 return x
         if op == "add" and args[0].kind == "float":
-            return _constant_first(*args, operation)
+            return _constant_first(args[0], args[1], operation)
     elif op == "sub" and _is(args[1], 0):
         return args[0]
     elif op == "sub" and _is(args[0], 0):

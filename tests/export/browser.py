@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import base64
+import contextlib
+import http.server
 import json
 import shutil
 import subprocess
 import tempfile
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -133,19 +137,53 @@ def _report(jobs: list[dict], a: np.ndarray, b: np.ndarray, timeout: float, *, w
 
 def dump(page: str, timeout: float = 120) -> str:
     """The document of a page after its scripts have run."""
+    with _opened(page, "--timeout=100000", "--dump-dom") as process:
+        return process.communicate(timeout=timeout)[0]
+
+
+def drive(page: str, script: str, timeout: float = 120) -> object:
+    """What the body of an asynchronous function returns on a page; ``until(f)`` waits until f() is true."""
+    received: list[bytes] = []
+    answered = threading.Event()
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_POST(self) -> None:  # noqa: N802  (the name that http.server calls)
+            received.append(self.rfile.read(int(self.headers["Content-Length"])))
+            self.send_response(204)
+            self.end_headers()
+            answered.set()
+
+        def log_message(self, *args: object) -> None:
+            pass
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        run = f"""<script>(async () => {{
+        const until = async f => {{ while (!f()) await new Promise(r => setTimeout(r, 10)); }};
+        let out;
+        try {{ out = await (async () => {{ {script} }})(); }} catch (error) {{ out = {{failed: String(error.stack)}}; }}
+        fetch("http://127.0.0.1:{server.server_port}/", {{method: "POST", mode: "no-cors", body: JSON.stringify(out)}});
+        }})();</script></body>"""
+        with _opened(page.replace("</body>", run), "--remote-debugging-port=0"):
+            answered.wait(timeout)
+        server.shutdown()
+    if not received:
+        raise AssertionError(f"the page did not answer within {timeout} s")
+    result = json.loads(received[0])
+    if isinstance(result, dict) and "failed" in result:
+        raise AssertionError(result["failed"])
+    return result
+
+
+@contextlib.contextmanager
+def _opened(page: str, *flags: str) -> Iterator[subprocess.Popen]:
+    """Have the browser open a page while the block runs."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         path = Path(folder) / "page.html"
         path.write_text(page, encoding="utf-8")
-        command = [
-            CHROMIUM,
-            *FLAGS,
-            f"--user-data-dir={folder}/profile",
-            "--timeout=100000",
-            "--dump-dom",
-            path.as_uri(),
-        ]
+        command = [CHROMIUM, *FLAGS, f"--user-data-dir={folder}/profile", *flags, path.as_uri()]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
             try:
-                return process.communicate(timeout=timeout)[0]
+                yield process
             finally:
                 process.terminate()  # a killed browser would leave its own children behind
