@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict:
     preview = output_folder(args.preview, "--preview") if args.preview else None
     pages = OwnFiles(preview, "fit-images --preview") if preview else None
     if pages:
-        for name in ("views.png", "convergence.png"):
+        for name in ("views.png", "convergence.png", "uncertainty.png"):
             pages.check(name)  # a photograph of that name is found before the fit, not after it
     mi = arguments.set_variant(args.variant)
     from ..images import fit_images, pictures, scene_materials
@@ -111,10 +111,15 @@ def run(args: argparse.Namespace) -> dict:
             pictures.draw_views(views, found.renders, temporary)
         with pages.replacing("convergence.png") as temporary:
             pictures.draw_convergence({output.stem: found.curve}, temporary)
+        if found.uncertainty:
+            with pages.replacing("uncertainty.png") as temporary:
+                pictures.draw_uncertainty(found.uncertainty, temporary)
     if not found.materials:
         print("No file is written: a parameter of each material is a texture.")
     for row in found.report["views"]:
         print(f"{row['name']} ({row['split']}): mean abs log difference {row['mean_abs_log']:.4f}")
+    if found.uncertainty:
+        print(found.uncertainty.words())
     return {**found.report, "curve": found.curve, "outputs": [str(outputs[name]) for name in found.materials]}
 
 

@@ -184,10 +184,8 @@ def log_l1_of_texels(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray, f: np.n
         raise ValueError(f"log_l1_of_texels(): f is for {shape} texels, the maps have {maps.shape}.")
     brdf = maps.material.brdf
     surface = TexelSamples(wi, wo, f, np.random.default_rng(0))
-    columns = {name: np.broadcast_to(v, (*shape, len(v))) for name, v in maps.material.params.items()}
-    columns |= dict(maps.maps)
-    u = np.concatenate([columns[p.name] for p in brdf.parameters], axis=2).reshape(len(surface.f), -1)
-    u = parameter_space.Space(brdf.parameters).to_free(u.astype(np.float64))
+    vectors = maps.as_vectors().reshape(len(surface.f), -1)
+    u = parameter_space.Space(brdf.parameters).to_free(vectors.astype(np.float64))
     _, loss = surface.fit(brdf, lambda index: u[index][:, None], _AS_IT_IS, "")
     return loss.reshape(shape)
 

@@ -13,11 +13,11 @@ from ..numerics.arrays import color3f, vector3f
 from .problems import objective_of
 
 # Residuals count as at least this much: below it is what float32 and the model's own shape leave, not information.
-_LEAST_RESIDUAL = 1e-4
+LEAST_RESIDUAL = 1e-4
 # Eigenvalues of the normal matrix, scaled to a unit diagonal, that are 0 up to the rounding of its float32 products.
 _SINGULAR = 1e-6
 # Undetermined: the samples narrow a parameter down to no less than this share of what it might have been without any.
-_OPEN = 0.5
+OPEN = 0.5
 
 
 def determined(
@@ -69,27 +69,39 @@ def determined(
     # residuals far below `same` all have the same weight, 1 / same: what is left is J^T J
     same = 1e3
     h = problem.normal_equations(u[None], np.array([same]))[0][0] * (3 * n * same)
-    variance = np.diag(_posterior(h[np.ix_(free, free)], max(log_l1, _LEAST_RESIDUAL), spread[free]))
+    variance = np.diag(posterior(h[np.ix_(free, free)], log_l1, np.diag(1 / spread[free] ** 2)))
     std = np.zeros(len(u))
     std[free] = np.sqrt(variance)
     names = [name for p in brdf.parameters for name in parameters.components(p)]
-    undetermined = [names[k] for k in free if not names[k].startswith("read_out") and std[k] > _OPEN * spread[k]]
+    undetermined = [names[k] for k in free if not names[k].startswith("read_out") and std[k] > OPEN * spread[k]]
     found = parameters.unflatten(brdf.parameters, std * space.slope(u))
     # not of the hundreds of numbers of a read-out, none of which means anything by itself
     return {name: v.tolist() for name, v in found.items() if name != "read_out"}, undetermined
 
 
-def _posterior(normal: np.ndarray, residual: float, spread: np.ndarray) -> np.ndarray:
-    """Return the covariance of parameters with the given J^T J, mean residual, and standard deviations a priori.
+def posterior(normal: np.ndarray, residual: float, precision: np.ndarray) -> np.ndarray:
+    """Return the covariance of parameters that samples tell about, on top of what was known before.
+
+    Parameters
+    ----------
+    normal : array (..., P, P)
+        J^T J of the residuals; symmetric, and up to rounding or noise of no negative eigenvalue.
+    residual : float or array (...)
+        Mean absolute residual of the fit.
+    precision : array (P, P) or (..., P, P)
+        Inverse covariance without the samples, positive definite.
 
     Examples
     --------
-    >>> _posterior(np.diag([1e6, 0.0]), 0.1, np.array([1.0, 2.0])).round(4)
+    >>> posterior(np.diag([1e6, 0.0]), 0.1, np.diag([1.0, 0.25])).round(4)
     array([[0., 0.],
            [0., 4.]])
     """
-    size = np.sqrt(np.diag(normal))
+    size = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 0))
     scale = np.where(size > 0, size, 1)
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    root = vectors * np.sqrt(np.where(values > _SINGULAR, values, 0)) * (scale * spread / residual)[:, None]
-    return np.linalg.inv(np.eye(len(spread)) + root @ root.T) * np.outer(spread, spread)
+    values, vectors = np.linalg.eigh(normal / (scale[..., :, None] * scale[..., None, :]))
+    root = vectors * np.sqrt(np.where(values > _SINGULAR, values, 0))[..., None, :] * scale[..., :, None]
+    before = np.swapaxes(np.linalg.inv(np.linalg.cholesky(precision)), -1, -2)  # times its transpose: the covariance
+    root = np.swapaxes(before, -1, -2) @ root / np.maximum(np.asarray(residual), LEAST_RESIDUAL)[..., None, None]
+    told = np.eye(normal.shape[-1]) + root @ np.swapaxes(root, -1, -2)
+    return before @ np.linalg.inv(told) @ np.swapaxes(before, -1, -2)

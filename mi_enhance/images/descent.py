@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -12,12 +12,14 @@ import numpy as np
 from ..system.garbage_collection import no_collection
 from .adam import Adam
 from .image_loss import Measure
+from .material_prior import MaterialPrior
 from .plugin_tables import evaluated
 from .scene_materials import get, put
 from .targets import Target
 from .unknowns import Unknown
 
 _LARGEST = 1e15  # of a derivative: Adam's square of it must stay within float32; a path that says more is an accident
+RECENT = 20  # iterations whose mean is the loss: one alone is a matter of chance
 # A gradient costs as much as several renders, and needs fewer samples: its noise is averaged by Adam, that of a render
 # decides how well the loss is weighed.
 _GRADIENT_SHARE = 4
@@ -39,6 +41,8 @@ class Descent:
         material's.
     fitted : array of bool, optional
         Which photographs, by number, are fitted: those whose factors move. One if left out.
+    prior : MaterialPrior, optional
+        Pulls at what photographs do not tell.
     """
 
     def __init__(
@@ -51,9 +55,11 @@ class Descent:
         seed: int,
         exposures: Unknown | None = None,
         fitted: np.ndarray | None = None,
+        prior: MaterialPrior | None = None,
     ):
         self.scene, self.unknowns, self.light, self.measure = scene, tuple(unknowns), light, measure
         self.exposures, self.fitted = exposures, np.ones(1, bool) if fitted is None else fitted
+        self.prior = prior
         self.params = mi.traverse(scene)
         self.curve: list[dict] = []  # step, seconds, loss
         self.nonfinite = 0  # components of gradients that were set to 0
@@ -130,20 +136,24 @@ class Descent:
 
     # ------------------------------------------------------------------ rendering
 
-    def render(
-        self, target: Target, spp: int, seed: int, *, instead: Mapping[str, np.ndarray] | None = None
-    ) -> np.ndarray:
-        """Return the scene as the cameras of a target see it, (H, views * W, 3), with some unknowns at other values."""
+    def render(self, target: Target, spp: int, seed: int) -> np.ndarray:
+        """Return the scene as the cameras of a target see it, (H, W, 3)."""
+        return self.renders(target, spp, [seed])[0]
+
+    def renders(
+        self, target: Target, spp: int, seeds: Iterable[int], *, instead: Mapping[str, np.ndarray] | None = None
+    ) -> list[np.ndarray]:
+        """Return a render for each seed, with some unknowns of the scene at other values."""
         if instead:
             self._hand_over({**self.values(), **instead})
-            try:
-                return self.render(target, spp, seed)
-            finally:
+        function, brightness = self._compiled(self._trace_primal, target.image.shape, spp), self._brightness(target)
+        try:
+            with no_collection():
+                images = (function(self.scene, target.sensor, dr.opaque(mi.UInt32, seed), spp) for seed in seeds)
+                return [brightness * np.array(image) for image in images]
+        finally:
+            if instead:
                 self._hand_over(self.values())
-        with no_collection():
-            function = self._compiled(self._trace_primal, target.image.shape, spp)
-            image = np.array(function(self.scene, target.sensor, dr.opaque(mi.UInt32, seed), spp))
-        return self._brightness(target) * image
 
     def _compiled(self, function: Callable, shape: tuple[int, ...], spp: int) -> Callable:
         """Return a function that is traced once: tracing a scene with networks takes longer than running it.
@@ -209,15 +219,18 @@ class Descent:
 
     def step(self, target: Target, spp: int, rate: float, *, hold_late: bool = False) -> np.ndarray:
         """Take a step against the gradient; return the mean of two renders, whose loss is in the curve."""
+        values = self._update(attach=True)
         # Independent of each other: what weighs the difference of a pixel must not know its noise.
         one, two = (self._render_finite(target, max(1, spp // 2)) for _ in range(2))
         pulls = [0.5 * self.measure.pull(a, b, target) for a, b in ((one, two), (two, one))]
-        values = self._update(attach=True)
         pull = sum(pulls) * self._brightness(target)
         self._backward(values, target.sensor, pull, max(1, spp // _GRADIENT_SHARE))
         gradients = {u.key: np.array(dr.grad(values[u.key]), np.float64).ravel() for u in self.unknowns}
         # the logarithm of a factor: a difference meets the render that it was not made of
         gradients |= self._of_factors((pulls[0] * two + pulls[1] * one).sum(-1, dtype=np.float64), target)
+        if self.prior and self.curve:
+            pulled = self.prior.gradients(self.values(), self.loss())
+            gradients |= {key: gradients[key] + slope for key, slope in pulled.items()}
         for u in self._all():
             self._move(u, gradients[u.key], rate, hold_late and u.is_late)
         mean = (one + two) / 2
@@ -238,6 +251,10 @@ class Descent:
         if u is self.exposures:
             moved = np.where(self.fitted, moved - moved[self.fitted].mean(), moved)
         self._moved[u.key] = moved
+
+    def loss(self) -> float:
+        """Return the mean loss of the last iterations."""
+        return float(np.mean([row["loss"] for row in self.curve[-RECENT:]]))
 
     def settle(self) -> None:
         """Hand the values of the last step to the scene, without gradients."""

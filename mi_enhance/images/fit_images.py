@@ -17,10 +17,11 @@ from ..system.checks import positive_int
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
-from . import image_loss, pictures, targets, visibility
+from . import image_loss, pictures, targets, uncertainty, visibility
 from . import unknowns as unknown_parameters
 from .descent import Descent
 from .lit_scene import with_lights
+from .material_prior import MaterialPrior
 from .own_files import OwnFiles
 from .result import ImageFit, materials_of, result
 from .scene_materials import SceneMaterial, find
@@ -155,6 +156,8 @@ def fit_images(
     book = survey(views, stages, pixels, 2 * _SURVIVORS * TRIAL, seed)
     lit = with_lights(scene, book.lights)
     _check_lit(lit)
+    n_seen = sum(int((look.weight[..., 0] > 0).sum()) for look in book.looks)
+    prior = MaterialPrior(placed, mi.traverse(scene), [u.key for u in sought], n_seen)
     descent = Descent(
         lit,
         sought,
@@ -164,6 +167,7 @@ def fit_images(
         seed,
         Unknown("exposure_factors", EXPOSURE) if exposures else None,
         book.fitted,
+        prior,
     )
     names = list(book.numbers)
     settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": int(max_depth), "seed": seed}
@@ -194,7 +198,8 @@ def fit_images(
 
     schedule.run(progress, draw, kept)
     found = visibility.undetermined(descent, book.looks[:1], seed)
-    return result(descent, placed, views, book, found, settings, start)
+    told = uncertainty.of_fit(descent, placed, prior, book.looks[0], seed, progress)
+    return result(descent, placed, views, book, found, told, settings, start)
 
 
 def _checked(stages, lr: float, max_depth: int) -> list[tuple[int, int, int]]:

@@ -8,10 +8,12 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
+from ..fitting.uncertainty import OPEN
 from ..output.figure import sheet
 from ..output.srgb import encode_srgb
 from ..system.files import replacing
 from .targets import Target
+from .uncertainty import TOLD, Uncertainty
 from .views import View
 
 _SHOWN = 6  # views in a picture
@@ -73,3 +75,33 @@ def draw_convergence(curves: Mapping[str, Sequence[dict]], path: str | Path) -> 
         axes.set(xlabel="seconds", ylabel="loss", yscale="log")
         axes.grid(alpha=0.3, which="both")
         axes.legend()
+
+
+def draw_uncertainty(found: Uncertainty, path: str | Path) -> None:
+    """Write what photographs tell as PNG: a bar for each number, and a map of the reflectance of each material.
+
+    Examples
+    --------
+    >>> draw_uncertainty(fit.uncertainty, "uncertainty.png")  # doctest: +SKIP
+    """
+    groups = found.groups()
+    height = max(3.2, 0.24 * len(groups) + 1.6)
+    with sheet(path, (5.5 + 4.2 * len(found.reflectance), height), 110) as figure:
+        axes = np.atleast_1d(figure.subplots(1, 1 + len(found.reflectance)))
+        for row, index in enumerate(groups.values()):
+            share = np.sort(found.share[index])
+            colours = ["#2a7" if s <= TOLD else "#fb3" if s <= OPEN else "#d54" for s in share]
+            height = 0.8 / len(share)
+            axes[0].barh(
+                row - 0.4 + height * (np.arange(len(share)) + 0.5), np.maximum(share, 0.01), height, color=colours
+            )
+        axes[0].set_yticks(range(len(groups)), list(groups), fontsize=8)
+        axes[0].invert_yaxis()
+        axes[0].set(xlim=(0, 1), xlabel="standard deviation, share of that without photographs")
+        axes[0].set_title("green: told, yellow: roughly, red: left open", fontsize=9)
+        for ax, (name, std) in zip(axes[1:], found.reflectance.items(), strict=True):
+            # above a factor of 2 a reflectance is as good as unknown
+            shown = ax.imshow(std, cmap="inferno", vmin=0, vmax=np.log(2), extent=(0, 90, 90, 0), aspect="auto")
+            ax.set(xlabel="difference angle (degrees)", ylabel="half angle (degrees)")
+            ax.set_title(name, fontsize=9)
+            figure.colorbar(shown, ax=ax, label="relative uncertainty of the reflectance", extend="max")

@@ -17,8 +17,8 @@ from ..sampling import albedo
 from . import targets
 from .descent import Descent
 from .scene_materials import SceneMaterial
-from .schedule import RECENT
 from .survey import Survey
+from .uncertainty import Uncertainty
 from .views import View
 
 _FINAL_SPP, _LEAST_SPP = 128, 64
@@ -38,7 +38,7 @@ class ImageFit:
     report : dict
         ``loss``, ``seconds``, ``iterations``, ``light_scale``, ``nonfinite_gradients`` (components that were set to 0),
         ``nonfinite_pixels`` (values of renders that were left out), ``undetermined`` (keys of unknowns that may change
-        by half of their range without a pixel that shows it),
+        by half of their range without a pixel that shows it), ``uncertainty`` (``words`` and ``numbers``, see below),
         ``views`` (name, split, ``mean_abs_log`` and ``psnr`` of each re-render over the pixels that count),
         ``mean_abs_log`` (``train`` and ``test``), ``judged_at`` (1 / size of the photographs in these), and the
         settings. ``exposure_factors`` by name of the view, where they were sought; that of a held-out view is the one
@@ -47,6 +47,8 @@ class ImageFit:
         ``step``, ``seconds``, ``loss`` of every iteration; another stage sees other pixels and another noise.
     renders : list of array (H, W, 3)
         Re-renders of all views, in their order, made ``report["judged_at"]`` times smaller as the photographs are.
+    uncertainty : Uncertainty or None
+        What the photographs tell about each number; None where maps are all that is sought.
     """
 
     materials: dict[str, Material]
@@ -54,6 +56,7 @@ class ImageFit:
     report: dict
     curve: list[dict]
     renders: list[np.ndarray]
+    uncertainty: Uncertainty | None = None
 
 
 def result(
@@ -62,6 +65,7 @@ def result(
     views: Sequence[View],
     book: Survey,
     undetermined: Sequence[str],
+    told: Uncertainty | None,
     settings: dict,
     start: float,
 ) -> ImageFit:
@@ -76,6 +80,7 @@ def result(
     book : Survey
     undetermined : sequence of str
         Keys of unknowns that no photograph shows.
+    told : Uncertainty or None
     settings : dict
     start : float
         When the fit began, of ``time.perf_counter()``.
@@ -95,7 +100,7 @@ def result(
     rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in small]
     report = {
         "mean_abs_log": {s: _mean(r["mean_abs_log"] for r in rows if r["split"] == s) for s in ("train", "test")},
-        "loss": float(np.mean([row["loss"] for row in descent.curve[-RECENT:]])),
+        "loss": descent.loss(),
         "seconds": time.perf_counter() - start,
         "iterations": len(descent.curve),
         "n_unknowns": sum(v.size for v in descent.values().values()),
@@ -103,13 +108,14 @@ def result(
         "nonfinite_gradients": descent.nonfinite,
         "nonfinite_pixels": descent.nonfinite_pixels,
         "undetermined": list(undetermined),
+        "uncertainty": told.report() if told else None,
         "judged_at": book.factor,
         **({"exposure_factors": factors} if factors else {}),
         "views": rows,
         "settings": settings,
     }
     materials = materials_of(descent, placed, report)
-    return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in small])
+    return ImageFit(materials, descent.values(), report, descent.curve, [renders[v.name] for v in small], told)
 
 
 def materials_of(descent: Descent, placed: Mapping[str, SceneMaterial], report: dict) -> dict[str, Material]:

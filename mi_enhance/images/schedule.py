@@ -16,7 +16,6 @@ from .descent import Descent
 from .survey import Survey
 
 TRIAL = 25  # iterations of a start before the best is taken
-RECENT = 20  # iterations whose mean is the loss: one alone is a matter of chance
 _LATE = 0.2  # of the first stage's iterations without the latent numbers
 _LAST_RATE = 0.05  # learning rate at the end, as a share of that at the start
 _TIMED = 3  # iterations from which the time that is left is told
@@ -141,11 +140,11 @@ class Schedule:
                     progress(Progress(leg.label, k + 1, len(leg.rates), values))
                     every(self.done)
                     if leg.way is not None and k + 1 == len(leg.rates):
-                        self.ends.append((self._loss(), {**self.ways[leg.way], **self.descent.values()}))
+                        self.ends.append((self.descent.loss(), {**self.ways[leg.way], **self.descent.values()}))
                     if now - last_kept > _KEEP_EVERY or self.done == 1:
                         self.keep()
                         # during the starts only if none that has ended was better
-                        if not self.ends or leg.way is None or self._loss() <= min(e for e, _ in self.ends):
+                        if not self.ends or leg.way is None or self.descent.loss() <= min(e for e, _ in self.ends):
                             kept()
                         last_kept = time.perf_counter()
             before += len(leg.rates)
@@ -179,6 +178,3 @@ class Schedule:
             self.descent.step(target, spp, leg.rates[k], hold_late=k < leg.late)
             self.done += 1
             yield k
-
-    def _loss(self) -> float:
-        return float(np.mean([row["loss"] for row in self.descent.curve[-RECENT:]]))

@@ -91,8 +91,7 @@ def changes_of(descent: Descent, unknowns: Sequence[Unknown], targets: Sequence[
     result = np.zeros(len(numbers))
     for target in targets:
         before, after = (
-            np.mean([descent.render(target, _SPP, seed + k, instead=v) for k in range(_RENDERS)], axis=0)
-            for v in ({}, moved)
+            np.mean(descent.renders(target, _SPP, range(seed, seed + _RENDERS), instead=v), axis=0) for v in ({}, moved)
         )
         scale = descent.measure.scale
         with np.errstate(invalid="ignore"):  # infinite in both renders: no change that could be seen

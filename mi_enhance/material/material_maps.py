@@ -63,6 +63,12 @@ class MaterialMaps:
         inside = {p.name: (p.low, p.high) for p in self.material.brdf.parameters}
         return self.material.edit(**{name: np.clip(v[row, column], *inside[name]) for name, v in self.maps.items()})
 
+    def as_vectors(self) -> np.ndarray:
+        """All parameters of every texel, (H, W, P), in the order of :meth:`Material.as_vector`."""
+        columns = {name: np.broadcast_to(v, (*self.shape, len(v))) for name, v in self.material.params.items()}
+        columns |= dict(self.maps)
+        return np.concatenate([columns[p.name] for p in self.material.brdf.parameters], axis=2)
+
     # ------------------------------------------------------------------ in a scene
 
     def bsdf(self, filter_type: str = "bilinear") -> mi.BSDF:
