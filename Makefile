@@ -1,13 +1,15 @@
 # make demo    the main job on bundled real data, into out/demo
 # make test    the tests (make test-slow: those that take longer)
+# make test-oldest   some of the tests with the oldest versions that pyproject.toml allows (tests/oldest.txt), on Python 3.10
 # make lint    style, formatting, and who imports whom
 # make types   the types
-# make docs    the documentation site, into out/docs; a warning is an error (make docs-links: are links of others alive)
+# make docs    the documentation site, into out/docs; a warning is an error (make docs-links: do all links lead
+#              somewhere; hosts that do not answer are listed)
 # make dist    sdist and wheel, into dist/ (make dist-check: the wheel works in an environment of its own)
 # make venv    .venv with everything, a usable LLVM included; choose the Python with  make venv PYTHON=python3.12
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
-.PHONY: venv demo test test-slow lint types docs docs-links dist dist-check
+.PHONY: venv demo test test-slow test-oldest lint types docs docs-links dist dist-check
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -38,6 +40,15 @@ test: venv
 test-slow: venv
 	$(BIN)/python -m pytest -m slow
 
+# An environment of its own. What the package does with its dependencies is in these rooms; the mathematics is the same.
+OLDEST := out/oldest
+OLDEST_PYTHON ?= python3.10
+OLDEST_TESTS ?= tests/test_package.py tests/data tests/evaluation tests/cli tests/bsdfs/test_plugin_values.py tests/fitting/test_fit.py
+test-oldest:
+	test -x $(OLDEST)/bin/python || $(OLDEST_PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check -c tests/oldest.txt pytest pytest-xdist hypothesis -e .
+	$(OLDEST)/bin/python -m pytest -q -p no:cacheprovider -W default $(OLDEST_TESTS)
+
 lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -50,7 +61,7 @@ docs: venv
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/docs
 
 docs-links: venv
-	$(BIN)/python -m sphinx -q -b linkcheck docs out/docs-links
+	$(BIN)/python docs/check_links.py out/docs-links
 
 dist: venv
 	rm -rf dist

@@ -71,7 +71,7 @@ class CompiledForm:
             self.known = {}  # while a function is recorded no value can be looked at
             return
         self.known = {
-            name: self.known[name] if keys and name in self.known and name not in keys else dr.detach(value).numpy()
+            name: self.known[name] if keys and name in self.known and name not in keys else _numbers(value)
             for name, value in values.items()
             if not dr.grad_enabled(value)
         }
@@ -136,3 +136,13 @@ class CompiledForm:
         """Return all parameters, unknown but for those given, as :meth:`EnhancedBRDF.begin_fold` takes them."""
         unknown: dict = {p.name: None if p.kind == "scalar" else [None] * p.size for p in self.brdf.parameters}
         return unknown | known
+
+
+def _numbers(value) -> np.ndarray:
+    """Return a value as NumPy has it.
+
+    As data first: Dr.Jit would write a literal into the code that copies it, and keep that code for every other value.
+    """
+    value = dr.detach(value)
+    dr.make_opaque(value)
+    return value.numpy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shutil
 from pathlib import Path
 
@@ -20,6 +21,7 @@ resolution, spp, n_fit = 32, 4, 2000""",
     "04_fit_from_images": """resolution, n_views, spp = 16, 2, 16
 stages, networks = [(1, 4, 4)], ("ggx",)""",
     "05_spatially_varying": 'size, n_samples, network, resolution, spp = 4, 32, "ggx", 32, 4',
+    "06_take_it_elsewhere": "n_samples, n_pairs, resolution, spp = 2000, 100, 32, 4",
 }
 
 
@@ -95,6 +97,33 @@ def test_links_and_pictures_exist(page):
     targets = re.findall(r"\]\(([^)#:]+)\)|src=\"([^\":]+)\"", page.read_text())
     missing = [t for pair in targets for t in pair if t and not (page.parent / t).exists()]
     assert not missing, f"{page.name} names files that do not exist: {missing}"
+
+
+def anchors(page: Path) -> set[str]:
+    """What `page.md#...` may name: headings, as the site and code hosts spell them."""
+    heads = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_anchors_exist(page):
+    for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", page.read_text()):
+        other = page.parent / target if target else page
+        assert anchor in anchors(other), f"{page.name}: {other.name} has no heading #{anchor}"
+
+
+def test_links_that_nobody_answers_are_listed_and_others_fail():
+    check_links = runpy.run_path(str(ROOT / "docs/check_links.py"))
+    entry = {"filename": "a.md", "lineno": 1, "uri": "https://x.org", "status": "broken", "code": 0, "info": "no name"}
+    entries = [entry, {**entry, "code": 404}, {**entry, "uri": "b.md"}, {**entry, "status": "working"}]
+    found = check_links["verdicts"](entries)
+    assert {kind: len(lines) for kind, lines in found.items()} == {"ok": 1, "unreachable": 1, "wrong": 2}
+
+
+def test_every_page_has_a_place_in_the_site():
+    index = (ROOT / "docs/index.md").read_text()
+    for page in (ROOT / "docs").glob("*.md"):
+        assert page.stem == "index" or re.search(rf"^{page.stem}$", index, re.MULTILINE), page.name
 
 
 @pytest.mark.slow

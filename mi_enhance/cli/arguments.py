@@ -186,6 +186,12 @@ def measurements(args: argparse.Namespace, file: str | None = None) -> Measureme
     return data.load(file or args.data, n_samples=args.samples, seed=args.seed, material=args.material)
 
 
+def require_data(args: argparse.Namespace) -> None:
+    """Raise if ``--material`` names one of several measurements, and no file of them is given."""
+    if args.material and not args.data:
+        raise ValueError(f'--material: "{args.material}" is one of a measured file, and no DATA is given.')
+
+
 def model(name: str) -> Material:
     from ..analytic import models
     from ..material.material import Material

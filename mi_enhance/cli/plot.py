@@ -22,6 +22,7 @@ def add(subparsers: arguments.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> dict:
     output = output_file(args.output, (".png",), [args.file, *args.data])
+    arguments.require_data(args)
     arguments.set_variant(args.variant)
     from ..evaluation.plot import plot
     from ..material.material import Material

@@ -12,7 +12,7 @@ from .outputs import made, output_file
 
 
 def add(subparsers: arguments.Subparsers) -> None:
-    text = "show a material in the browser, beside its analytic model and a measurement: a ball in a room, sliders, figures"
+    text = "show a material in the browser beside its analytic model and a measurement: a ball, sliders, figures"
     p = arguments.command(subparsers, "view", text, run)
     p.add_argument("file", metavar="MAT.bsdf")
     p.add_argument("data", metavar="DATA", nargs="?", help=f"a measurement to be shown beside it: {arguments.MEASURED}")
@@ -24,6 +24,7 @@ def add(subparsers: arguments.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> dict:
     output = output_file(args.output, (".html",), [args.file, args.data]) if args.output else None
+    arguments.require_data(args)
     arguments.set_variant(args.variant)
     from ..export.viewer import page
     from ..material.material import Material

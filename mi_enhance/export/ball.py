@@ -13,8 +13,8 @@ from ..system.bundled_files import scene_file
 _PARTS = ("material_surface", "neutral_core", "neutral_base")
 _MATERIAL, _GREY = 1, 2  # what the shader calls the parts
 _RADIUS = 1.6  # of the sphere around all parts, in units of the page, whose sphere has 1: so it fills the picture
-_CELLS = 64  # of the grid of distances, on a side: a cell is 0.4 mm of the ball, which is 89 mm wide
-_REACH = 0.3  # distances end here: a step of a ray is no longer
+_CELLS = 64  # of the grid of distances, on a side: a cell is 2 mm of the ball, which is 89 mm wide
+_REACH = 0.6  # distances end here: a step of a ray is no longer
 _POINTS = 150_000  # on the surface that distances are measured to: less than half a cell apart
 
 
@@ -26,7 +26,7 @@ def shader_ball() -> dict:
     -------
     dict
         ``vertices``: 8 uint16 or int16 of each, position in the box from -`reach` to `reach` and part, normal and
-        tangent as points of an octahedron; ``faces``: uint16; ``distances``: `cells`^3 bytes, 255 is 0.3 and more, z
+        tangent as points of an octahedron; ``faces``: uint16; ``distances``: `cells`^3 bytes, 255 is 0.6 and more, z
         slowest; ``reach``; ``cells``; ``floor``: the height on which it stands.
 
     Examples
@@ -84,7 +84,7 @@ def _coarse(faces: np.ndarray) -> np.ndarray:
     quadrilateral ends with the middle of the other edge. Corners are numbered first.
     """
     half = len(faces) // 2
-    corner, edge, middle, other = *faces[:half].T, faces[half:, 2]
+    (corner, edge, middle), other = faces[:half].T, faces[half:, 2]
     rows = np.argsort(middle, kind="stable").reshape(-1, 4)
     following = (other[rows][:, None, :] == edge[rows][:, :, None]).argmax(2)  # the quadrilateral behind the edge
     k, turn = np.arange(len(rows)), [np.zeros(len(rows), int)]

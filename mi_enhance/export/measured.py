@@ -21,6 +21,7 @@ from ..data.rgl_table import write_rgl
 from ..data.scattered import interpolated
 from ..fitting.losses import log_l1
 from ..material.material import Material
+from ..system.checks import positive_int
 from ..system.files import material_name
 from .registry import exporter
 
@@ -124,6 +125,7 @@ def write_csv(
     >>> write_csv(Material.analytic("ggx"), "grey.csv", samples=1000)["n_samples"]  # doctest: +SKIP
     1000
     """
+    samples = positive_int(samples, "samples", f'export("{path}")')
     if isinstance(source, Material):
         wi, wo = sample_pairs(samples, seed=seed)
         m = Measurements(wi, wo, source.evaluate(wi, wo), _name(source), "a material of mi_enhance")

@@ -79,7 +79,7 @@ def determined(
     return {name: v.tolist() for name, v in found.items() if name != "read_out"}, undetermined
 
 
-def posterior(normal: np.ndarray, residual: float, precision: np.ndarray) -> np.ndarray:
+def posterior(normal: np.ndarray, residual: float | np.ndarray, precision: np.ndarray) -> np.ndarray:
     """Return the covariance of parameters that samples tell about, on top of what was known before.
 
     Parameters

@@ -163,6 +163,11 @@ class Material(OldNames):
             self, brdf=brdf, params=params, exact_params=None, exact_reference=None, report=report
         )
 
+    def _repr_html_(self) -> str:
+        from .portrait import page
+
+        return page(self)
+
     def show(self) -> str:
         """A text: equation, parameters, report."""
         lines = [str(self.brdf)]

@@ -26,7 +26,7 @@ from mi_enhance.benchmark.timing import machine
 from mi_enhance.export import brdf_explorer, numpy_file, shaders
 from mi_enhance.export.program import record
 from mi_enhance.neural.distilled_network import DistilledNetwork
-from mi_enhance.neural.inputs import ASYMMETRIC, NAMES
+from mi_enhance.neural.inputs import names_of
 
 _COLUMNS = {
     "material": ("material", ""),
@@ -50,8 +50,9 @@ def main() -> None:
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     materials = {"GGX": Material.analytic("ggx"), "GGX, two lobes": Material.analytic("ggx2")}
-    materials |= {f"network {name}": Material.pretrained(name) for name in ("ggx", "ggx2_small", "ggx2", "paper")}
-    materials |= {f"specialized, {' '.join(map(str, n))} units": specialized(n) for n in ((6, 6), (12, 12))}
+    materials |= {f"own network, {n}-{n}": own_network((n, n)) for n in (8, 12)}
+    names = ("ggx2_rgb", "ggx2", "ggx2_small", "paper")
+    materials |= {f"shared network {name}": shared(name) for name in names}
     materials |= {Path(path).stem: Material.load(path) for path in args.files}
     programs = {name: record(material) for name, material in materials.items()}
     rows = [{"material": name, **sizes(programs[name], materials[name])} for name in materials]
@@ -60,17 +61,26 @@ def main() -> None:
     common.finish(rows, _COLUMNS, title="exported code", about=machine(), as_json=args.json)
 
 
-def specialized(hidden) -> Material:
-    """The network ggx2 with small ones of these sizes in place of its modules; size and time do not ask for weights."""
-    material, rng = Material.pretrained("ggx2"), np.random.default_rng(0)
-    inputs = tuple(name for name in NAMES if name not in ASYMMETRIC)
+def own_network(hidden: tuple[int, ...]) -> Material:
+    """Two lobes with a network as `fit` gives a material of its own; size and time do not ask for its weights."""
+    material, rng = Material.analytic("ggx2").edit(rho_s2=0.1), np.random.default_rng(0)
+    inputs = tuple(n for n in names_of("shape") if "log_ratio" not in n and "azimuth" not in n)
     slots, layers, seen = ("B", "G", "G2"), [], len(inputs)
-    for n in (*hidden, len(slots)):
+    for n in (*hidden, 3 * len(slots)):
         w, b = rng.normal(0, 0.3, (n, seen)), rng.normal(0, 0.1, n)
         layers.append((w.astype(np.float32), b.astype(np.float32)))
         seen += n
-    network = DistilledNetwork(slots, inputs, tuple(layers))
-    return dataclasses.replace(material, brdf=dataclasses.replace(material.brdf, distilled=(network,)))
+    network = DistilledNetwork(slots, inputs, tuple(layers), channels=3)
+    brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs="shape")
+    return dataclasses.replace(material, brdf=brdf, params={**material.params, "asymmetry": np.ones(1)})
+
+
+def shared(name: str) -> Material:
+    """A shipped network, with read-outs as a fit finds them: at 0 there is nothing to be computed."""
+    material = Material.pretrained(name)
+    if not material.brdf.trunk:
+        return material
+    return material.edit(read_out=np.random.default_rng(0).normal(0, 0.1, material.params["read_out"].size), rho_s2=0.1)
 
 
 def sizes(program, material) -> dict:

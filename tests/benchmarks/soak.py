@@ -45,7 +45,7 @@ COLUMNS = {
 
 
 def scene(bsdf) -> mi.Scene:
-    """Return the smallest scene: a sphere below a white sky."""
+    """Return the smallest scene, a sphere below a white sky."""
     look = mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
     film = {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}}
     sensor = {"type": "perspective", "to_world": look, "film": film, "sampler": {"type": "independent"}}
@@ -130,8 +130,9 @@ def soak(load: str, n: int, folder: str, flush: int = 0) -> tuple[list[float], l
 
 
 def _megabytes() -> float:
+    """Return the memory that this process asked for and has used; pages of files come and go as the system likes."""
     lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("RssAnon"))
 
 
 def row(load: str, milliseconds: list[float], megabytes: list[float]) -> dict:

@@ -60,6 +60,7 @@ def test_help_lists_the_kinds_and_their_options(capsys):
         (["-o", "OUT/x.brdf", "-D", "size=3"], r'\.brdf has no option "size". It has none.'),
         (["-o", "OUT/x.glsl", "-D", "editable=3"], r"option editable of \.glsl is 3; it must be true or false"),
         (["-o", "OUT/x.glsl", "--set", "alpha=3"], r'unknown parameter "alpha". Choose from: n_x'),
+        (["-o", "OUT/x.csv", "-D", "samples=0"], r"samples is 0; it must be a positive integer"),
     ],
 )
 def test_errors_say_what_is_allowed(material, tmp_path, capsys, arguments, message):
@@ -69,6 +70,12 @@ def test_errors_say_what_is_allowed(material, tmp_path, capsys, arguments, messa
     assert main(["export", material, *arguments]) == 2
     error = capsys.readouterr().err
     assert re.search(message, error), error
+
+
+@pytest.mark.parametrize("command, file", [("view", "x.html"), ("plot", "x.png")])
+def test_a_material_of_a_measured_file_needs_the_file(material, tmp_path, capsys, command, file):
+    assert main([command, material, "--material", "gold-paint", "-o", str(tmp_path / file)]) == 2
+    assert '--material: "gold-paint" is one of a measured file, and no DATA is given.' in capsys.readouterr().err
 
 
 def test_a_measured_file_is_no_source_of_a_shader(llvm, tmp_path, capsys):

@@ -33,13 +33,13 @@ vec3 toLamp() {
   vec3 s = normalize(abs(lamp.y) < 0.9 ? cross(lamp.xyz, vec3(0, 1, 0)) : cross(lamp.xyz, vec3(1, 0, 0)));
   return r * cos(phi) * s + r * sin(phi) * cross(lamp.xyz, s) + z * lamp.xyz;
 }
-bool blocked(vec3 p, vec3 d) {  // by the ball or the ground: a ray through the grid of distances
-  if (reach == 0.0) return false;
+bool blocked(vec3 p, vec3 d, bool asked) {  // by the ball or the ground: a ray through the grid of distances
+  if (reach == 0.0 || !asked) return false;
   vec3 inverse = 1.0 / (d + vec3(equal(d, vec3(0))) * 1e-9), a = (-reach - p) * inverse, b = (reach - p) * inverse;
   vec3 near = min(a, b), far = max(a, b);
-  float end = min(min(far.x, far.y), far.z), t = max(max(max(near.x, near.y), near.z), 0.0);
-  for (int k = 0; k < 32 && t < end; k++) {
-    float free = 0.3 * textureLod(distances, (p + t * d) / (2.0 * reach) + 0.5, 0.0).r - 0.012;
+  float end = asked ? min(min(far.x, far.y), far.z) : 0.0, t = max(max(max(near.x, near.y), near.z), 0.0);
+  for (int k = 0; k < 24 && t < end; k++) {
+    float free = 0.6 * textureLod(distances, (p + t * d) / (2.0 * reach) + 0.5, 0.0).r - 0.012;
     if (free < 0.006) return true;
     t += free;
   }
@@ -95,7 +95,7 @@ void main() {
   bool to_lamp = dot(d, lamp.xyz) > lamp.w;
   vec2 uv = place(d);
   vec3 light = strength * texture(env, uv).rgb + (to_lamp ? vec3(brightness) : vec3(0));
-  if (blocked(p + 0.06 * n, d)) light = vec3(grey);
+  if (blocked(p + 0.06 * n, d, edge > 0.0 && wo.z > 0.0)) light = vec3(grey);
 #ifdef MATERIAL
   own = PDF(wi, wo);
   f = EVAL(wi, wo);
