@@ -90,7 +90,7 @@ def fit_texels(
         standard deviations :math:`\sigma` over the surface, and L the mean loss of all texels. At 1 a texel that
         differs from its neighbours as much as any two texels do pays half the mean loss for it. The first sweeps pull
         ten and three times as much. Give 3 where neighbours are of similar material and maps are interpolated in
-        renders: seams between minima go.
+        renders: more than half of the seams between minima go.
     seed : int
         Of the choice of anchors and the order of samples.
     executor : concurrent.futures.Executor, optional
