@@ -33,6 +33,12 @@ class LowRank(NamedTuple):
     basis: MLP
     library: np.ndarray
 
+    def rank(self, brdf: EnhancedBRDF) -> int:
+        """Return how many numbers of a code each slot has."""
+        trunk = with_basis(brdf, self.basis).trunk
+        assert trunk is not None
+        return trunk.rank
+
 
 def with_basis(brdf: EnhancedBRDF, basis: MLP | None) -> EnhancedBRDF:
     """Return a BRDF whose materials have codes for this basis; None: read-outs of their own."""
@@ -90,11 +96,9 @@ def of_free(material: Material) -> Material:
     if not trunk or not trunk.basis:
         return material
     brdf = with_basis(material.brdf, None)
-    params = [material.params, *([material.exact_params] if material.exact_params else [])]
-    params, *exact = (_freed(p, material.brdf) for p in params)
-    return dataclasses.replace(
-        material, brdf=brdf, params=params, exact_params=exact[0] if exact else None, library=None
-    )
+    exact = _freed(material.exact_params, material.brdf) if material.exact_params else None
+    params = _freed(material.params, material.brdf)
+    return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact, library=None)
 
 
 def _freed(params: dict, brdf: EnhancedBRDF) -> dict:

@@ -97,7 +97,7 @@ def describe(material: Material) -> dict:
         "terms": dict(brdf.model.terms),
         "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.modules.items()},
         **({"trunk": brdf.trunk.describe()} if brdf.trunk else {}),
-        **({"low_rank": with_basis(brdf, material.low_rank.basis).trunk.rank} if material.low_rank else {}),
+        **({"low_rank": material.low_rank.rank(brdf)} if material.low_rank else {}),
         "n_latent": brdf.n_latent,
         "inputs": brdf.inputs,
         "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
