@@ -43,7 +43,7 @@ test-slow: venv
 # An environment of its own. What the package does with its dependencies is in these rooms; the mathematics is the same.
 OLDEST := out/oldest
 OLDEST_PYTHON ?= python3.10
-OLDEST_TESTS ?= tests/test_package.py tests/data tests/evaluation tests/cli tests/bsdfs/test_plugin_values.py tests/fitting/test_fit.py
+OLDEST_TESTS ?= tests/test_package.py tests/data tests/material/test_material_maps.py tests/evaluation tests/cli tests/bsdfs/test_plugin_values.py tests/fitting/test_fit.py
 test-oldest:
 	test -x $(OLDEST)/bin/python || $(OLDEST_PYTHON) -m venv $(OLDEST)
 	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check -c tests/oldest.txt pytest pytest-xdist hypothesis -e .

@@ -11,6 +11,7 @@ from plugin_scenes import analytic, ball, bitmap, close, directions, evaluate, h
 from mi_enhance import models
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
+from mi_enhance.system import bundled_files
 
 N = 500
 
@@ -202,3 +203,15 @@ def test_textures_without_texels_are_parameters(llvm, name, kind):
     close(evaluate(b, wi, wo), evaluate(analytic(**{name: 0.6}).bsdf(), wi, wo))
     dr.backward(dr.mean(b.eval(mi.BSDFContext(), hit(wi), vectors(wo)), axis=None))
     assert sum(float(dr.grad(params[f"{name}.{key}"])[0]) for key in keys) > 0
+
+
+def test_another_value_is_no_other_kernel(llvm):
+    """An edit changes data, not code: else a process that edits for hours collects kernels, in memory and on disk."""
+    bsdf = mi.load_dict({"type": "enhanced", "filename": str(bundled_files.network_file("ggx"))})
+    params, kernels = mi.traverse(bsdf), []
+    for red in (0.1, 0.2, 0.3):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            params["rho_d"], params["alpha_x"] = mi.Color3f(red, 0.2, 0.3), mi.Float(red)
+            params.update()
+            kernels.append({str(entry["hash"]) for entry in dr.kernel_history() if "hash" in entry})
+    assert kernels[0] and kernels[2] <= kernels[0] | kernels[1]
