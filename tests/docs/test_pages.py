@@ -34,9 +34,7 @@ def test_neural_bsdf_in_40_lines(llvm):
     # one network, two ways to evaluate it: rounding of float32, and the same random numbers
     np.testing.assert_allclose(names["again"].numpy(), names["image"].numpy(), rtol=1e-3, atol=1e-4)
     truth = names["mi"].render(names["ball"](names["truth"]), spp=64).numpy()
-    assert (
-        abs(names["image"].numpy()[16:48, 16:48].mean() / truth[16:48, 16:48].mean() - 1) < 0.1
-    )
+    assert abs(names["image"].numpy()[16:48, 16:48].mean() / truth[16:48, 16:48].mean() - 1) < 0.1
 
 
 @pytest.mark.slow
