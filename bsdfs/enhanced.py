@@ -57,13 +57,13 @@ Enhanced analytical BRDF (:monosp:`enhanced`)
    - Hold the directional albedo at 1 or below for every view, whatever the parameters are. Default: what the file says.
      No parameter may be textured then.
 
- * - latent
+ * - latent, code
    - |exposed|, |differentiable|
    - The neural parameters; from the file, or from the maps.
 
  * - maps
    - |string|
-   - Maps over the surface (OpenEXR, one channel for each number: ``rho_d.R``, ``alpha_x``, ``latent.00``) of any
+   - Maps over the surface (OpenEXR, one channel for each number: ``rho_d.R``, ``alpha_x``, ``code.00``) of any
      parameters, made with the networks of ``filename``; written by ``MaterialMaps.save()``. A parameter that the scene
      gives as well is taken from the scene.
 

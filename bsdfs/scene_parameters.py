@@ -100,7 +100,7 @@ class SceneParameters:
         self._hidden = self._hidden if material.brdf.distilled else set()
         self._colours = [p.name for p in material.brdf.parameters if p.is_colour]
         self.values, self.textures, self.inside, self.spectra = {}, _maps(props, material), {}, {}
-        self.literal = {}
+        self.literal, self._trunk = {}, material.brdf.trunk
         for p in material.brdf.parameters:
             self._read(props, p, material.params[p.name], where)
 
@@ -160,9 +160,13 @@ class SceneParameters:
         # While a function is recorded no value can be looked at.
         _literal.discard(self)
         few = len(_literal) < _MOST_LITERAL
-        if "read_out" in self.inside and few and not dr.flag(dr.JitFlag.FreezingScope):
+        own = next((name for name in ("read_out", "code") if name in self.inside), None)
+        if own and few and not dr.flag(dr.JitFlag.FreezingScope):
             _literal.add(self)
-            self.literal["read_out"] = [mi.Float(v) for v in self.inside["read_out"].numpy().tolist()]
+            numbers = self.inside[own].numpy()
+            if own == "code" and self._trunk:  # of one material: a read-out is cheaper than the basis
+                numbers = self._trunk.read_outs(numbers)
+            self.literal["read_out"] = [mi.Float(v) for v in numbers.tolist()]
         if mi.is_spectral:
             self.spectra = {
                 name: _upsample(mi.Color3f(self.inside[name])) for name in self._colours if name in self.values
@@ -180,6 +184,8 @@ class SceneParameters:
             if self._parameters[name].kind == "latent":
                 v = [dr.gather(mi.Float, v, k) for k in range(len(v))]
             result[name] = held(self._parameters[name], v) if dr.grad_enabled(value) else v
+        if "code" in self.values and "read_out" in self.literal and not dr.grad_enabled(self.values["code"]):
+            result["read_out"] = self.literal["read_out"]
         return result
 
     def at(self, si: mi.SurfaceInteraction3f, active) -> dict:
@@ -267,9 +273,10 @@ def _maps(props: Any, material: Material) -> dict[str, Any]:
     else:
         maps = MaterialMaps.from_arrays(material, props["channels"], np.array(props["maps"]))
     result: dict[str, Any] = {}
+    kinds = {p.name: p.kind for p in material.brdf.parameters}
     for name, values in maps.maps.items():
         data = mi.TensorXf(values)
-        if name == "latent":
+        if kinds[name] == "latent":
             result[name] = LatentMap(data, filter_type, wrap_mode, to_uv)
         else:
             how = {"filter_type": filter_type, "wrap_mode": wrap_mode, "to_uv": to_uv}

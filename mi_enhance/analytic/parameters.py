@@ -55,7 +55,7 @@ class Parameter:
 
     @property
     def is_neural(self) -> bool:
-        """True for ``latent``, ``read_out`` and ``asymmetry``, which only networks read."""
+        """True for ``latent``, ``read_out``, ``code`` and ``asymmetry``, which only networks read."""
         return self.kind == "latent" or self.name == ASYMMETRY.name
 
 
@@ -113,12 +113,21 @@ def read_out(n: int) -> Parameter:
     return Parameter("read_out", n, -MAX_LOG, MAX_LOG, 0.0, kind="latent")
 
 
-def norm(slot: str) -> Parameter:
-    """Return the constant that is added to the output, a logarithm, of the module in `slot`.
+def code(n: int) -> Parameter:
+    """Return the few numbers that stand for a read-out: times a matrix that all materials share; 0 at the start.
+
+    In the training materials their mean square is 1. The range only keeps a fit from running away.
+    """
+    return Parameter("code", n, -16.0, 16.0, 0.0, kind="latent")
+
+
+def norm(slot: str, channels: int = 1) -> Parameter:
+    """Return what is added to the logarithm of the factor in `slot`: one number, or one for each channel.
 
     :mod:`mi_enhance.material.colour_normalization` sets it.
     """
-    return Parameter(f"norm_{slot}", 1, -MAX_LOG, MAX_LOG, 0.0, fixed=True)
+    kind: Kind = "scalar" if channels == 1 else "latent"
+    return Parameter(f"norm_{slot}", channels, -MAX_LOG, MAX_LOG, 0.0, fixed=True, kind=kind)
 
 
 def count(parameters: Sequence[Parameter]) -> int:

@@ -16,6 +16,7 @@ def add(subparsers: arguments.Subparsers) -> None:
     p = arguments.command(subparsers, "export", text, run)
     p.formatter_class, p.epilog = _WithKinds, _KINDS
     p.add_argument("file", metavar="MAT", help="a material .bsdf; for some kinds also a measured file, see below")
+    arguments.add_material(p)
     arguments.add_edits(p)
     arguments.add_define(p, "kind of file")
     arguments.add_variant(p)
@@ -55,7 +56,8 @@ def run(args: argparse.Namespace) -> dict:
             raise ValueError(f'--set: "{args.file}" is a measured file, which has no parameters to edit.')
         source = source.edit(**dict(args.edits))
     with progress_bar("export", quiet=args.json or not takes_progress) as progress:
-        facts = export_material(source, made(output), progress=progress, **arguments.settings(args.define))
+        options = arguments.settings(args.define) | ({"material": args.material} if args.material else {})
+        facts = export_material(source, made(output), progress=progress, **options)
     print(f"{output}: {said(facts)}")
     return {"output": str(output), **facts}
 

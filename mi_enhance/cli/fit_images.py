@@ -6,7 +6,8 @@ import argparse
 import contextlib
 import re
 import sys
-from collections.abc import Iterable, Mapping
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +74,8 @@ def run(args: argparse.Namespace) -> dict:
     from ..images import fit_images, pictures, scene_materials
     from ..images.view_files import ViewFiles
 
-    scene = load_scene(mi, args.scene, f'fit-images "{args.scene}"', args.define, material=model)
+    with _of_low_rank(model) as path:
+        scene = load_scene(mi, args.scene, f'fit-images "{args.scene}"', args.define, material=path)
     outputs = _outputs(output, scene_materials.find(mi.traverse(scene)))
     for path in outputs.values():
         output_file(path, (".bsdf",), inputs)
@@ -121,6 +123,22 @@ def run(args: argparse.Namespace) -> dict:
     if found.uncertainty:
         print(found.uncertainty.words())
     return {**found.report, "curve": found.curve, "outputs": [str(outputs[name]) for name in found.materials]}
+
+
+@contextlib.contextmanager
+def _of_low_rank(model: Path) -> Iterator[Path]:
+    """Yield the file of a network in the form that photographs determine, as long as a scene is loaded with it."""
+    from ..material.low_rank import of_low_rank
+    from ..material.material import Material
+
+    network = Material.load(model)
+    if not network.low_rank:
+        yield model
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / model.name
+        of_low_rank(network, "fit-images").save(path)
+        yield path
 
 
 def _progress(title: str, is_json: bool) -> contextlib.AbstractContextManager[Callback]:

@@ -17,6 +17,12 @@ def add(subparsers: arguments.Subparsers) -> None:
     arguments.add_define(p, "settings")
     arguments.add_variant(p)
     arguments.add_output_folder(p, "train", "folder of the run: checkpoint and curve")
+    p.add_argument(
+        "--low-rank",
+        type=arguments.positive,
+        metavar="R",
+        help="then find, for the read-outs of a trunk, a basis of R numbers for each slot: for texels and photographs",
+    )
 
 
 def run(args: argparse.Namespace) -> dict:
@@ -36,5 +42,10 @@ def run(args: argparse.Namespace) -> dict:
 
     with progress_bar("train", quiet=args.json) as progress:
         trainer = train(config, folder, progress=progress)
+    if args.low_rank:
+        from ..training.basis_trainer import train_basis
+
+        with progress_bar("basis", quiet=args.json) as progress:
+            train_basis(trainer, folder, rank=args.low_rank, progress=progress)
     print(f"{args.output}: {trainer.step} steps, {trainer.n_materials} materials")
     return {"output": args.output, "steps": trainer.step, "n_materials": trainer.n_materials}

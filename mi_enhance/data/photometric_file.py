@@ -154,6 +154,11 @@ class PhotometricFile:
         points = np.zeros_like(normal) if seen.points is None else seen.points[self.mask]
         toward, irradiance = light.at(points)
         cos = (normal * toward).sum(-1)
+        if len(cos) and not (cos >= MIN_COS).any():
+            raise ValueError(
+                f"{where}: its light lies below the horizon of all {len(cos)} pixels. A direction points towards the "
+                "light; normals, places and directions have the same axes (x right, y up, z towards the camera)."
+            )
         counts = (cos >= MIN_COS) & ((normal * viewer).sum(-1) >= MIN_COS)
         counts &= (value < ceiling * (1 - 1e-6)).all(-1) & np.isfinite(value).all(-1)  # 1e-6: float32
         counts &= (irradiance > 0).any(-1)

@@ -126,6 +126,7 @@ def record(material: Material, *, editable: bool = True) -> Program:
     M + S * D * F * G * 1/E ['n_x', 'n_y', 't_theta', 'rho_d'] 3
     """
     require_variant("export", rgb=True, jit=True)
+    material = material.free  # of one material, a read-out is cheaper than a basis
     bound = _energy_table(material)
     mixture = material.sampled_by
     open_parameters = tuple(p for p in material.brdf.model.parameters if editable)

@@ -130,7 +130,6 @@ def _model(label: str, material: Material) -> tuple[str, str]:
         "label": label,
         "values": values,
         "source": shaders.source(program, "m"),
-        "argument": bool(program.parameters),
     }
     return label, f"{{ ...{javascript.source(program)}, ...{_literal(fields)} }}"
 

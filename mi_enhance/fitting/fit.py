@@ -127,7 +127,7 @@ def fit(
         starts = [_given(material.brdf, material), first]
         known = None
         if material.library is not None:
-            of = library_prior.weight_of_read_outs if material.brdf.trunk else library_prior.weight
+            of = library_prior.weight_of_read_outs if material.brdf.has_free_read_out else library_prior.weight
             known = library_prior.from_library(material, of(measurements.wi, measurements.wo, loss_analytic))
         vector, loss = run(material.brdf, starts, known)
         if material.brdf.trunk and loss > loss_analytic:  # samples that an early stage did not see
@@ -149,7 +149,7 @@ def fit(
         "source": measurements.source,
     }
     fitted = normalize(
-        dataclasses.replace(material, params=values, report={**report}, library=None, bound_energy=False)
+        dataclasses.replace(material, params=values, report={**report}, library=None, low_rank=None, bound_energy=False)
     )
     report["std"], report["undetermined"] = determined(fitted, measurements, loss, hold)
     fitted = dataclasses.replace(
@@ -177,10 +177,10 @@ def _search(
     u = space.to_free(starts)[None]
     if brdf.networks and library is not None:
         candidates = space.to_free(np.asarray(library, np.float64))
-        n = _NEAREST_READ_OUTS if brdf.trunk else _NEAREST
+        n = _NEAREST_READ_OUTS if brdf.has_free_read_out else _NEAREST
         chosen = multistart.nearest(samples, brdf, only, candidates, n, _SCREEN)
         u = np.concatenate([u, chosen], axis=1)
-    stages = _READ_OUT_STAGES if brdf.trunk else _STAGES
+    stages = _READ_OUT_STAGES if brdf.has_free_read_out else _STAGES
     # stages up to the first that sees all samples: a later one would see the same
     last = next((k for k, stage in enumerate(stages) if (stage.n_samples or samples.n) >= samples.n), len(stages) - 1)
     name = "enhanced" if brdf.networks else "analytic"

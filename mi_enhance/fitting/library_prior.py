@@ -82,7 +82,7 @@ def from_library(material: Material, weight: float | np.ndarray) -> Prior:
     """
     space = parameter_space.Space(material.brdf.parameters)
     u = space.to_free(np.asarray(material.library, np.float64))
-    if material.brdf.trunk:
+    if material.brdf.has_free_read_out:
         return _of_read_outs(material, u, np.asarray(weight))
     free = np.concatenate(
         [np.full(p.size, p.is_colour or p.fixed or p.name in parameters.FRAME) for p in material.brdf.parameters]

@@ -6,13 +6,16 @@ import mitsuba as mi
 import numpy as np
 
 from ..neural.enhanced_brdf import EnhancedBRDF
+from .code_objective import CodeObjective
 from .objective import Objective
 from .trunk_objective import TrunkObjective
 
 
 def objective_of(brdf: EnhancedBRDF, wi: mi.Vector3f, wo: mi.Vector3f, f: mi.Color3f, n: int) -> Objective:
     """Return the loss of a BRDF; arguments as of :class:`mi_enhance.fitting.objective.Objective`."""
-    return (TrunkObjective if brdf.trunk else Objective)(brdf, wi, wo, f, n)
+    if not brdf.trunk:
+        return Objective(brdf, wi, wo, f, n)
+    return (CodeObjective if brdf.trunk.basis else TrunkObjective)(brdf, wi, wo, f, n)
 
 
 def stacked(brdf: EnhancedBRDF, wi: np.ndarray, wo: np.ndarray, f: np.ndarray) -> Objective:

@@ -34,7 +34,7 @@ class TrunkObjective(Objective):
     def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Any = None):
         super().__init__(brdf, wi, wo, f, n, trainable.fused(brdf.networks) if evaluators is None else evaluators)
         self.trunk = cast(Trunk, brdf.trunk)
-        self._rest = brdf.parameters[:-1]  # all but the read-out
+        self._rest = brdf.parameters[:-1]  # all but the read-out, or the code
         self._rest_space = Space(self._rest)
         self.n_rest = parameters.count(self._rest)
 
@@ -93,7 +93,7 @@ class TrunkObjective(Objective):
         return h / (3 * n), g / (3 * n), total / (3 * n)
 
     def _f(self, record: dict, logs: list) -> Any:
-        return self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))(record)
+        return self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs, record))(record)
 
     def _units(self, u: np.ndarray, grad: bool = False) -> tuple[list, dict, Any, list]:
         """Return the parameters but the read-out, the record, the lanes above the horizon, and the units."""

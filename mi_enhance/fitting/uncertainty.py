@@ -73,13 +73,15 @@ def determined(
     std = np.zeros(len(u))
     std[free] = np.sqrt(variance)
     names = [name for p in brdf.parameters for name in parameters.components(p)]
-    undetermined = [names[k] for k in free if not names[k].startswith("read_out") and std[k] > OPEN * spread[k]]
+    undetermined = [
+        names[k] for k in free if not names[k].startswith(("read_out", "code")) and std[k] > OPEN * spread[k]
+    ]
     found = parameters.unflatten(brdf.parameters, std * space.slope(u))
     # not of the hundreds of numbers of a read-out, none of which means anything by itself
-    return {name: v.tolist() for name, v in found.items() if name != "read_out"}, undetermined
+    return {name: v.tolist() for name, v in found.items() if name not in ("read_out", "code")}, undetermined
 
 
-def posterior(normal: np.ndarray, residual: float, precision: np.ndarray) -> np.ndarray:
+def posterior(normal: np.ndarray, residual: float | np.ndarray, precision: np.ndarray) -> np.ndarray:
     """Return the covariance of parameters that samples tell about, on top of what was known before.
 
     Parameters

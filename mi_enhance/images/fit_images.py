@@ -11,8 +11,8 @@ import mitsuba as mi
 import numpy as np
 
 from ..analytic.parameters import Parameter
-from ..material.colour_normalization import plain
-from ..material.material import Material, refuse_trunk
+from ..material.low_rank import refuse_free
+from ..material.material import Material
 from ..system.checks import positive_int
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
@@ -24,19 +24,18 @@ from .lit_scene import with_lights
 from .material_prior import MaterialPrior
 from .own_files import OwnFiles
 from .result import ImageFit, materials_of, result
-from .scene_materials import SceneMaterial, find
+from .scene_materials import find
 from .schedule import TRIAL, Schedule, stable_names
-from .starts import candidates, with_best_colours
+from .starts import START_SPP, SURVIVORS, ways
 from .survey import survey
-from .targets import Target
 from .unknowns import Unknown
 from .views import View
 
 # Size of the images as 1 / factor, samples per pixel, iterations: coarse to fine.
 STAGES = ((2, 16, 150), (1, 16, 250))
 PIXELS = 4096  # of an iteration
-_SURVIVORS = 3  # starts that go down a way
-_START_SPP = 8  # samples per pixel when starts are compared
+# An iteration takes as long as so many renders with half of its samples, two of which it is; before it is known better.
+_RENDERS = 2.7
 PREVIEW = 20  # iterations from one preview to the next
 _PREVIEW_SHARE = 20.0  # at most a twentieth of the time
 _SHOWN_SPP = 8
@@ -151,9 +150,9 @@ def fit_images(
     sought = _unknowns(scene, unknowns)
     placed = find(mi.traverse(scene), materials)
     for name, known in placed.items():
-        refuse_trunk(known.material, f"fit_images(): {name}")
+        refuse_free(known.material, f"fit_images(): {name}")
     progress(Progress("read photographs", 0, len(views)))
-    book = survey(views, stages, pixels, 2 * _SURVIVORS * TRIAL, seed)
+    book = survey(views, stages, pixels, 2 * SURVIVORS * TRIAL, seed)
     lit = with_lights(scene, book.lights)
     _check_lit(lit)
     n_seen = sum(int((look.weight[..., 0] > 0).sum()) for look in book.looks)
@@ -179,8 +178,14 @@ def fit_images(
     if not schedule.resume():
         for text in visibility.warnings_of(descent, placed, book.looks, names, seed):
             warnings.warn(text, stacklevel=2)
+        samples = sum(spp * steps for _, spp, steps in (*stages, (1, stages[0][1], SURVIVORS * TRIAL)))
         progress(Progress("compare starts", 0))
-        schedule.ways = _starts(descent, placed, book.looks[:1], starts, seed)
+
+        def tell(k: int, n: int, seconds: float) -> None:
+            left = seconds * (_RENDERS * samples / (2 * START_SPP) + 4 * (n - k))
+            progress(Progress("compare starts", k, n, {"left": left}))
+
+        schedule.ways = ways(descent, placed, book.looks[:1], starts, seed, tell)
     shown = targets.targets(book.shown, 1, book.numbers) if folder else []
     next_preview = 0.0
 
@@ -237,49 +242,6 @@ def _unknowns(scene: mi.Scene, unknowns) -> list[Unknown]:
         raise ValueError("fit_images(): unknowns is empty. Name what is sought, or leave it out.")
     unknown_parameters.check(scene, sought)
     return sought
-
-
-def _starts(
-    descent: Descent, placed: Mapping[str, SceneMaterial], targets: Sequence[Target], given, seed: int
-) -> list[dict]:
-    """Values to start from, the most promising first; several only where there is a single material."""
-    render = lambda target: descent.render(target, _START_SPP, seed)  # noqa: E731
-    if descent.light:
-        # before any colour: a bright one under a dark light is a minimum, too
-        descent.put({"light_scale": np.array([image_loss.ratio(targets, [render(t) for t in targets])])})
-    if descent.exposures:
-        images = [render(t) for t in targets]
-        ratios = [image_loss.ratio(targets, images, k) if f else 1.0 for k, f in enumerate(descent.fitted)]
-        factors = np.where(descent.fitted, np.array(ratios) / np.exp(np.log(ratios)[descent.fitted].mean()), 1)
-        descent.put({"exposure_factors": factors})
-    free = {u.key for u in descent.unknowns}
-    first, ways = dict(descent.values()), []
-    for one in placed.values():
-        # with some parameters known or textured, the others start as they are
-        all_free = all(one.keys.get(name) in free for name in one.moving())
-        ranked = []
-        for material in candidates(one) if all_free else [one.read(descent.params)]:
-            found, error = with_best_colours(
-                one,
-                plain(material) if all_free else material,
-                free,
-                descent.params,
-                targets,
-                render,
-                descent.measure.scale,
-            )
-            ranked.append((error, one.assignment(found)))
-        ranked.sort(key=lambda pair: pair[0])
-        ways = [{**first, **way} for _, way in ranked[:_SURVIVORS]]
-        first.update(ranked[0][1])
-        descent.put(first)
-    if given:
-        errors = []
-        for way in given:
-            descent.put({**first, **way})
-            errors.append(sum(descent.measure.loss(render(t), t) for t in targets))
-        ways += [{**first, **given[k]} for k in np.argsort(errors)[:_SURVIVORS]]
-    return ways if ways and len(placed) < 2 else [first]
 
 
 def _pictures_folder(path: str | Path | None) -> OwnFiles | None:

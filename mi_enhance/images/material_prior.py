@@ -61,7 +61,7 @@ class MaterialPrior:
         loss : float
             Mean residual of the fit as it is.
         """
-        result = {}
+        result: dict[str, np.ndarray] = {}
         for place, space, prior, vector in self._parts:
             vector = vector.copy()
             for key, where in place.items():

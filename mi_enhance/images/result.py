@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,6 +23,7 @@ from .uncertainty import Uncertainty
 from .views import View
 
 _FINAL_SPP, _LEAST_SPP = 128, 64
+_CONTRADICTION = 1.3  # in brightness: fits of one material leave a few percent
 _PATHS = 1 << 24  # that the re-renders at the end may have together
 
 
@@ -97,6 +99,8 @@ def result(
         for view in (v for v in small if v.split != "train"):
             factors[view.name] = _best_factor(view, renders[view.name])
             renders[view.name] = factors[view.name] * renders[view.name]
+    else:
+        _tell_contradictions({v.name: _best_factor(v, renders[v.name]) for v in small if v.split == "train"})
     rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in small]
     report = {
         "mean_abs_log": {s: _mean(r["mean_abs_log"] for r in rows if r["split"] == s) for s in ("train", "test")},
@@ -128,6 +132,20 @@ def materials_of(descent: Descent, placed: Mapping[str, SceneMaterial], report: 
             )
             materials[name] = dataclasses.replace(found, lobe_albedo=albedo.lobe_albedo(found.brdf, found.as_drjit()))
     return materials
+
+
+def _tell_contradictions(brightness: Mapping[str, float]) -> None:
+    """Warn of photographs that are brighter or darker than their re-renders, by another factor than the others."""
+    middle = float(np.median(list(brightness.values())))
+    off = {name: b / middle for name, b in brightness.items() if max(b / middle, middle / b) > _CONTRADICTION}
+    if off:
+        name, factor = max(off.items(), key=lambda pair: abs(np.log(pair[1])))
+        warnings.warn(
+            f"fit_images(): exposures contradict each other: {len(off)} of {len(brightness)} photographs are brighter "
+            f'or darker than the others say, "{name}" {factor:.2g} times as bright. Correct light or exposure_factor, '
+            "or let the fit seek the factors (exposures=True, --exposures).",
+            stacklevel=4,
+        )
 
 
 def _best_factor(view: View, render: np.ndarray) -> float:

@@ -50,7 +50,8 @@ class SceneMaterial:
                 if value.size != p.size:  # a grey for a colour, a colour for a number
                     value = np.full(p.size, value.mean())
                 values[p.name] = np.clip(value, p.low, p.high)
-        return self.material.edit(**values)
+        # not an edit, which holds what factors in RGB reflect
+        return dataclasses.replace(self.material, params={**self.material.params, **values})
 
 
 def find(params: mi.SceneParameters, given: Mapping[str, Material] | None = None) -> dict[str, SceneMaterial]:

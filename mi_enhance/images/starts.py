@@ -3,23 +3,102 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Sequence
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import mitsuba as mi
 import numpy as np
 
 from ..analytic import parameter_space, parameters
 from ..analytic.parameters import FRAME, Parameter
+from ..material.colour_normalization import plain
 from ..material.material import Material
 from ..neural.inputs import COLOURLESS
+from . import image_loss
+from .descent import Descent
 from .scene_materials import SceneMaterial, put
 from .targets import Target
 
 _LIBRARY = 48  # training materials that are tried, as different from one another as can be
+SURVIVORS = 3  # starts that go down a way
+START_SPP = 8  # samples per pixel when starts are compared
 _SWEEPS = 4  # reweighted least squares towards the L1 solution
 # Least colour, and the other one of renders that measure what each contributes. Not 0: what is 0 is left out of the
 # BSDF, which makes another kernel.
 _DARK, _BRIGHT = 1e-4, 1.0
+
+
+def ways(
+    descent: Descent,
+    placed: Mapping[str, SceneMaterial],
+    targets: Sequence[Target],
+    given: Sequence[Mapping[str, np.ndarray]],
+    seed: int,
+    tell: Callable[[int, int, float], None],
+) -> list[dict]:
+    """Return values to start from, the most promising first; several only where there is a single material.
+
+    Parameters
+    ----------
+    descent : Descent
+        Its light and exposures become those that explain the photographs best.
+    placed : dict of str to SceneMaterial
+    targets : sequence of Target
+        Pixels that decide.
+    given : sequence of dict
+        More starts: values by key.
+    seed : int
+    tell : callable
+        ``tell(done, all, seconds)`` after each start but the first, with the least time of a render: others compile.
+    """
+    least = np.inf
+
+    def render(target: Target) -> np.ndarray:
+        nonlocal least
+        begun = time.perf_counter()
+        image = descent.render(target, START_SPP, seed)
+        least = min(least, time.perf_counter() - begun)
+        return image
+
+    if descent.light:
+        # before any colour: a bright one under a dark light is a minimum, too
+        descent.put({"light_scale": np.array([image_loss.ratio(targets, [render(t) for t in targets])])})
+    if descent.exposures:
+        images = [render(t) for t in targets]
+        ratios = [image_loss.ratio(targets, images, k) if f else 1.0 for k, f in enumerate(descent.fitted)]
+        factors = np.where(descent.fitted, np.array(ratios) / np.exp(np.log(ratios)[descent.fitted].mean()), 1)
+        descent.put({"exposure_factors": factors})
+    free = {u.key for u in descent.unknowns}
+    first, found = dict(descent.values()), []
+    for one in placed.values():
+        # with some parameters known or textured, the others start as they are
+        all_free = all(one.keys.get(name) in free for name in one.moving())
+        ranked = []
+        tried = candidates(one) if all_free else [one.read(descent.params)]
+        for material in tried:
+            material, error = with_best_colours(
+                one,
+                plain(material) if all_free else material,
+                free,
+                descent.params,
+                targets,
+                render,
+                descent.measure.scale,
+            )
+            ranked.append((error, one.assignment(material)))
+            if len(ranked) > 1:
+                tell(len(ranked), len(tried), least)
+        ranked.sort(key=lambda pair: pair[0])
+        found = [{**first, **way} for _, way in ranked[:SURVIVORS]]
+        first.update(ranked[0][1])
+        descent.put(first)
+    if given:
+        errors = []
+        for way in given:
+            descent.put({**first, **way})
+            errors.append(sum(descent.measure.loss(render(t), t) for t in targets))
+        found += [{**first, **given[k]} for k in np.argsort(errors)[:SURVIVORS]]
+    return found if found and len(placed) < 2 else [first]
 
 
 def candidates(one: SceneMaterial) -> list[Material]:

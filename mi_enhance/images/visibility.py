@@ -18,7 +18,8 @@ _SEEN = 0.02  # least change of a pixel, of its logarithm: less is a path by cha
 _CAUSES = (
     "Likely causes: poses in another convention (OpenCV and COLMAP look along +z; needed is OpenGL's, along -z with +y "
     "up), poses in another world than the scene (applied_transform of nerfstudio, other units), normals that point "
-    "inwards, a mask that leaves the object out, or parameters without effect (a roughness where rho_s is 0)."
+    "inwards, a light behind what they show, a mask that leaves the object out, or parameters without effect (a "
+    "roughness where rho_s is 0)."
 )
 
 

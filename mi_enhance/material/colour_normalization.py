@@ -42,7 +42,7 @@ def normalize(material: Material) -> Material:
     """
     material = plain(material)
     params = dict(material.params)
-    terms = list(_terms(material))
+    terms = [] if material.factors_in_rgb else list(_terms(material))
     albedos = _albedos(material) if terms else []
     for k, slot, colour in terms:
         enhanced, analytic = (float(v[0]) for v in albedos[k])
@@ -108,6 +108,9 @@ def _shifted(material: Material, slot: str, logs: np.ndarray) -> Material:
         distilled = tuple(c.shifted(slot, logs) if slot in c.slots else c for c in brdf.distilled)
         return dataclasses.replace(material, brdf=dataclasses.replace(brdf, distilled=distilled))
     assert brdf.trunk is not None
+    if brdf.trunk.basis:
+        norm = np.clip(material.params[f"norm_{slot}"] + logs, -MAX_LOG, MAX_LOG)
+        return dataclasses.replace(material, params={**material.params, f"norm_{slot}": norm})
     read = material.params["read_out"].copy()
     numbers = read[brdf.trunk.numbers_of(slot)].reshape(len(logs), -1)  # a view
     numbers[:, -1] = np.clip(numbers[:, -1] + logs, -MAX_LOG, MAX_LOG)
@@ -120,7 +123,7 @@ def plain(material: Material) -> Material:
     for _, slot, colour in _terms(material):
         scale = np.exp(params[f"norm_{slot}"])
         params[colour.name] = np.clip(params[colour.name] * scale, colour.low, colour.high)
-        params[f"norm_{slot}"] = np.zeros(1)
+        params[f"norm_{slot}"] = np.zeros_like(params[f"norm_{slot}"])
     return dataclasses.replace(material, params=params)
 
 

@@ -21,8 +21,10 @@ from ..neural.trainable import fused
 from ..numerics.arrays import vector3f
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
-from ..system.bundled_files import DEFAULT_NETWORK, SURFACE_NETWORK, network_file
+from ..system.bundled_files import DEFAULT_NETWORK, network_file
+from . import low_rank as low_rank_forms
 from . import material_file
+from .low_rank import LowRank
 from .old_names import OldNames
 from .reports import SpecializeReport
 
@@ -54,6 +56,8 @@ class Material(OldNames):
         them.
     exact_reference : dict of str to float, optional
         `brdf.reference` of that material.
+    low_rank : LowRank, optional
+        Of a network with free read-outs: the basis, and the training materials with codes.
 
     Examples
     --------
@@ -71,6 +75,7 @@ class Material(OldNames):
     mixture: Mixture | None = None
     exact_params: dict | None = None
     exact_reference: dict | None = None
+    low_rank: LowRank | None = None
 
     def __post_init__(self):
         values = {**parameters.initial(self.brdf.parameters), **self.params}
@@ -96,9 +101,19 @@ class Material(OldNames):
         return Material(enhance(model, replace=()), {})
 
     @staticmethod
-    def pretrained(name: str = DEFAULT_NETWORK) -> Material:
-        """A network shipped with the package, ready to be fitted."""
-        return Material.load(network_file(name))
+    def pretrained(name: str = DEFAULT_NETWORK, *, low_rank: bool = False) -> Material:
+        """A network shipped with the package, ready to be fitted.
+
+        Parameters
+        ----------
+        name : str
+            Of the network.
+        low_rank : bool
+            Give a material a code of a few numbers in place of hundreds of its own, see
+            :mod:`mi_enhance.material.low_rank`: for texels, textures and photographs.
+        """
+        material = Material.load(network_file(name))
+        return low_rank_forms.of_low_rank(material, f'Material.pretrained("{name}")') if low_rank else material
 
     # ------------------------------------------------------------------ what one does with them
 
@@ -151,6 +166,11 @@ class Material(OldNames):
         return dataclasses.replace(self, bound_energy=True)
 
     @property
+    def free(self) -> Material:
+        """The same material with a read-out of its own in place of a code; the same if it has no code."""
+        return low_rank_forms.of_free(self)
+
+    @property
     def unspecialized(self) -> Material:
         """The material that a specialized one was made from; the same if it is not specialized."""
         report = {key: value for key, value in self.report.items() if key not in SpecializeReport.__annotations__}
@@ -173,13 +193,15 @@ class Material(OldNames):
         lines = [str(self.brdf)]
         for p in self.brdf.parameters:
             values = self.params[p.name]
-            text = " ".join(f"{v:.4g}" for v in values) if p.name != "read_out" else f"{len(values)} numbers"
+            many = p.name in ("read_out", "code")
+            text = f"{len(values)} numbers" if many else " ".join(f"{v:.4g}" for v in values)
             lines.append(f"  {p.name:<8} {text}")
         trunk = self.brdf.trunk
         if trunk:
             kind = "RGB factors" if trunk.channels == 3 else "factors"
             sizes = "-".join(map(str, trunk.mlp.sizes))
-            lines.append(f"  {', '.join(trunk.slots)}: {kind}, read out of one trunk {sizes} by numbers of its own")
+            own = f"codes of {trunk.rank} numbers times a shared basis" if trunk.basis else "numbers of its own"
+            lines.append(f"  {', '.join(trunk.slots)}: {kind}, read out of one trunk {sizes} by {own}")
         for c in self.brdf.distilled:
             kind = "RGB factors from a network of its own" if c.channels == 3 else "from a network"
             lines.append(f"  {', '.join(c.slots)}: {kind} {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}")
@@ -341,17 +363,3 @@ def load_material(path: str | Path) -> Material:
 
 def _roughnesses(params: Mapping[str, np.ndarray]) -> dict[str, float]:
     return {name: float(v[0]) for name, v in params.items() if name.startswith("alpha_")}
-
-
-def refuse_trunk(material: Material, where: str) -> None:
-    """Raise unless the material has few numbers: those of a read-out are hundreds, for one material with many samples.
-
-    Examples
-    --------
-    >>> refuse_trunk(Material.analytic("ggx"), "example")
-    """
-    if material.brdf.trunk and not material.brdf.distilled:
-        raise ValueError(
-            f"{where}: this network has {material.brdf.trunk.size} numbers of the material's own, more than a texel or "
-            f'photographs determine. Take one with few, such as Material.pretrained("{SURFACE_NETWORK}").'
-        )

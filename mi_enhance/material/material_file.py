@@ -24,14 +24,15 @@ from ..sampling import lobe_mixture
 from ..sampling.lobe_mixture import Mixture
 from ..system import tensor_file
 from ..system.files import replacing, require_file
+from .low_rank import LowRank, with_basis
 
 if TYPE_CHECKING:
     from .material import Material
 
 # Of the files; a reader refuses what is newer. Before 2, `replace` was a list and all networks had `hidden`; before 3
 # there was no `energy`, which an older reader would not hold, and no `mixture`; before 4 no `trunk`, and distilled
-# networks were scalar.
-FORMAT = 4
+# networks were scalar; before 5 all read-outs were free.
+FORMAT = 5
 KIND = "mi_enhance material"
 
 
@@ -59,6 +60,8 @@ def read(path: str | Path) -> dict:
     result = _fields(brdf, arrays["params"], description, where, arrays.get("library"))
     if "exact" in arrays:
         result["exact_params"] = _fields(brdf, arrays["exact"], description, where, None)["params"]
+    if "low_rank" in description:
+        result["low_rank"] = _low_rank(brdf, description["low_rank"], arrays, where)
     return result
 
 
@@ -74,6 +77,10 @@ def write(path: str | Path, material: Material) -> None:
         tensors["exact"] = parameters.flatten(material.brdf.parameters, material.exact_params).astype(np.float32)
     if material.library is not None:
         tensors["library"] = material.library.astype(np.float32)
+    if material.low_rank is not None:
+        basis, library = material.low_rank
+        tensors["low_rank.layers.0.weights"], tensors["low_rank.layers.0.bias"] = basis.layers[0]
+        tensors["low_rank.library"] = library.astype(np.float32)
     with replacing(path) as temporary:
         tensor_file.write(temporary, {"description": json.dumps(describe(material)), **tensors})
 
@@ -90,6 +97,7 @@ def describe(material: Material) -> dict:
         "terms": dict(brdf.model.terms),
         "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.modules.items()},
         **({"trunk": brdf.trunk.describe()} if brdf.trunk else {}),
+        **({"low_rank": material.low_rank.rank(brdf)} if material.low_rank else {}),
         "n_latent": brdf.n_latent,
         "inputs": brdf.inputs,
         "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
@@ -123,6 +131,22 @@ def from_arrays(description: str, params, weights) -> dict:
         template.with_networks(unflatten(template.networks, own)), distilled=_distilled(parsed, rest, template, where)
     )
     return _fields(brdf, np.asarray(params), parsed, where, None)
+
+
+def _low_rank(brdf: EnhancedBRDF, rank: Any, arrays: Mapping[str, np.ndarray], where: str) -> LowRank:
+    """The basis and the codes that come with a network."""
+    try:
+        assert brdf.trunk is not None, "no trunk"
+        trunk = with_trunk(brdf.model, n_latent=brdf.n_latent, **{**brdf.trunk.describe(), "rank": rank}).trunk
+        assert trunk is not None and trunk.basis is not None, f"rank {rank}"
+    except (AssertionError, TypeError, ValueError) as error:
+        raise ValueError(f"{where}: its low_rank cannot be understood: {error}. Save it again.") from error
+    basis = _module("low_rank", trunk.basis, arrays, where)
+    library = arrays.get("low_rank.library", np.zeros(0))
+    n = with_basis(brdf, basis).n_parameters
+    if library.ndim != 2 or library.shape[1] != n:
+        raise ValueError(f"{where}: low_rank.library has shape {library.shape}; (M, {n}) is needed. Save it again.")
+    return LowRank(basis, library)
 
 
 def _check_numbers(arrays: Mapping[str, np.ndarray], where: str) -> None:

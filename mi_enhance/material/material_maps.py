@@ -61,7 +61,9 @@ class MaterialMaps:
     def at(self, row: int, column: int) -> Material:
         """The material of one texel."""
         inside = {p.name: (p.low, p.high) for p in self.material.brdf.parameters}
-        return self.material.edit(**{name: np.clip(v[row, column], *inside[name]) for name, v in self.maps.items()})
+        values = {name: np.clip(v[row, column], *inside[name]) for name, v in self.maps.items()}
+        # not an edit, which holds what factors in RGB reflect
+        return dataclasses.replace(self.material, params={**self.material.params, **values})
 
     def as_vectors(self) -> np.ndarray:
         """All parameters of every texel, (H, W, P), in the order of :meth:`Material.as_vector`."""

@@ -122,6 +122,7 @@ def with_trunk(
     n_latent: int = 8,
     hidden: Sequence[int] = (32, 32, 64),
     channels: int = 3,
+    rank: int = 0,
     seed: int = 0,
 ) -> EnhancedBRDF:
     """Give slots of an analytic model one trunk with Xavier weights, which materials read out by their own.
@@ -138,6 +139,8 @@ def with_trunk(
         Hidden layer sizes; the last is the number K of units that are read out.
     channels : {3, 1}
         Factors in RGB, or the same for all channels.
+    rank : int
+        Numbers of a code for each slot, 1 to 1024; 0: read-outs are free.
     seed : int
         Of the initial weights.
 
@@ -150,7 +153,7 @@ def with_trunk(
     KeyError
         If `slots` names one that the model does not have.
     ValueError
-        For an operator among the slots, other channels than 1 or 3, or hidden sizes out of range.
+        For an operator among the slots, other channels than 1 or 3, a rank or hidden sizes out of range.
 
     Examples
     --------
@@ -166,9 +169,13 @@ def with_trunk(
     if channels not in (1, 3):
         raise ValueError(f"with_trunk(): channels must be 3 (RGB) or 1; got {channels}.")
     mlp.check_sizes(hidden, "with_trunk(): the trunk")
+    if not isinstance(rank, (int, np.integer)) or not 0 <= rank <= mlp.MAX_UNITS:
+        raise ValueError(f"with_trunk(): rank {rank!r} is out of range: 0 to {mlp.MAX_UNITS}.")
     n_in = n_latent + len(names_of_directions(model, "shape", model.graph.find(slots[0])))
-    shared = mlp.xavier((n_in, *hidden), n_latent, np.random.default_rng(seed))
-    return EnhancedBRDF(model, {}, n_latent, "shape", Trunk(slots, shared, channels))
+    rng = np.random.default_rng(seed)
+    shared = mlp.xavier((n_in, *hidden), n_latent, rng)
+    basis = mlp.xavier((hidden[-1], len(slots) * rank * channels), 0, rng) if rank else None
+    return EnhancedBRDF(model, {}, n_latent, "shape", Trunk(slots, shared, channels, basis))
 
 
 def first_latent(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
@@ -193,13 +200,13 @@ def first_latent(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
 
 
 def trunk_start(brdf: EnhancedBRDF, values: np.ndarray) -> np.ndarray:
-    """Return parameters (P,) from which a fit with a trunk starts: those of `values`, and the networks' own.
+    """Return parameters (P,) or (M, P) from which fits with a trunk start: those of `values`, and the networks' own.
 
     At 0 the features of the difference of viewer and light would have no effect, and so no gradient: ``asymmetry``
     starts a little away.
     """
     names = np.array([p.name for p in brdf.parameters for _ in range(p.size)])
     values = values.copy()
-    values[names == "latent"] = first_latent(brdf, values[None])[0]
-    values[names == "asymmetry"] = FIRST_ASYMMETRY
+    values[..., names == "latent"] = first_latent(brdf, np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
+    values[..., names == "asymmetry"] = FIRST_ASYMMETRY
     return values

@@ -18,7 +18,7 @@ from .distilled_network import DistilledNetwork
 from .evaluator import Evaluator, Evaluators
 from .inputs import COLOURLESS, InputKind, names_of_parameters, of_directions, of_parameters
 from .mlp import MLP
-from .trunk import NAME, Trunk, read_out
+from .trunk import BASIS, NAME, Trunk
 
 # The output of a module is the logarithm of a factor, so every term stays positive and a product of terms is a sum that
 # is easy to learn. Products must stay within float32's 3e38: two modules of MAX_LOG beside S, D and 1/E, which reach
@@ -63,12 +63,15 @@ class EnhancedBRDF:
 
     @property
     def parameters(self) -> tuple[parameters.Parameter, ...]:
-        """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``read_out``, ``norm_B``..."""
+        """The model's parameters, and those of the networks: ``asymmetry``, ``latent``, ``norm_B``..., ``read_out``."""
         reads_latent = self.n_latent and any(m.n_folded for m in self.networks.values())
         networks = self.networks or self.distilled
         asymmetry = (parameters.ASYMMETRY,) if self.inputs in COLOURLESS and networks else ()
         latent: tuple[parameters.Parameter, ...] = (parameters.latent(self.n_latent),) if reads_latent else ()
-        if self.trunk:
+        if self.trunk and self.trunk.basis:
+            latent += tuple(parameters.norm(slot, self.trunk.channels) for slot in self.trunk.slots)
+            latent += (parameters.code(self.trunk.n_codes),)
+        elif self.trunk:
             latent += (parameters.read_out(self.trunk.size),)
         norms = (parameters.norm(slot) for slot, mlp in self.modules.items() if mlp.n_folded) if asymmetry else ()
         return (*self.model.parameters, *asymmetry, *latent, *norms)
@@ -76,12 +79,12 @@ class EnhancedBRDF:
     @property
     def networks(self) -> dict[str, MLP]:
         """All networks with shared weights: the modules by slot, and the trunk."""
-        return {**self.modules, **({NAME: self.trunk.mlp} if self.trunk else {})}
+        return {**self.modules, **(self.trunk.networks if self.trunk else {})}
 
     def with_networks(self, networks: Mapping[str, MLP]) -> EnhancedBRDF:
         """Return the BRDF with other weights, of the same shapes as :attr:`networks`."""
         modules = {slot: networks[slot] for slot in self.modules}
-        trunk = dataclasses.replace(self.trunk, mlp=networks[NAME]) if self.trunk else None
+        trunk = self.trunk.with_networks(networks) if self.trunk else None
         return dataclasses.replace(self, modules=modules, trunk=trunk)
 
     @property
@@ -90,7 +93,7 @@ class EnhancedBRDF:
         covered = {slot for c in self.distilled for name in c.slots for slot in self.model.graph.find(name).slots}
         result = {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
         if self.trunk and set(self.read_slots) - covered:
-            result[NAME] = self.trunk.mlp
+            result |= self.trunk.networks
         return result
 
     @property
@@ -99,11 +102,16 @@ class EnhancedBRDF:
         return tuple(slot for slot in self.trunk.slots if slot in self.model.graph.slots) if self.trunk else ()
 
     @property
+    def has_free_read_out(self) -> bool:
+        """True if a material has the hundreds of numbers of a read-out of its own."""
+        return self.trunk is not None and self.trunk.basis is None
+
+    @property
     def read_by_modules(self) -> tuple[str, ...]:
         """Names of the parameters that are folded into the networks."""
         folding = {name for name, m in self.evaluated.items() if m.n_folded}
         analytic = names_of_parameters(self.model, self.inputs) if folding - {NAME} else ()
-        return (*analytic, *(p.name for p in self.parameters if p.kind == "latent" and folding))
+        return (*analytic, *(["latent"] if self.n_latent and folding else []))
 
     @property
     def n_weights(self) -> int:
@@ -137,8 +145,8 @@ class EnhancedBRDF:
         total = sum(c.multiply_adds for c in self.distilled)
         colours = parameters.colours(self.model.parameters)
         for slot, mlp in self.evaluated.items():
-            if self.trunk and slot == NAME:
-                total += self.trunk.multiply_adds
+            if slot in (NAME, BASIS):
+                total += self.trunk.multiply_adds if self.trunk and slot == NAME else 0
                 continue
             sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])
             once = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if mlp.varies else 0
@@ -182,7 +190,7 @@ class EnhancedBRDF:
         folding = {slot for slot, mlp in self.evaluated.items() if mlp.n_folded}
         constant = of_parameters(params, self.inputs, self.model) if folding - {NAME} else []
         result = {}
-        for slot in self.evaluated:
+        for slot in (s for s in self.evaluated if s != BASIS):  # which has no constant inputs
             features = (list(params["latent"]) if slot == NAME else constant) if slot in folding else []
             result[slot] = evaluators[slot].fold(features, None if begun is None else begun[slot])
         return result
@@ -257,7 +265,7 @@ class EnhancedBRDF:
         dict of str to callable
             A function of the record for a term, of the two operands for an operator.
         """
-        slots = [slot for slot in self.evaluated if slot != NAME]
+        slots = [slot for slot in self.evaluated if slot not in (NAME, BASIS)]
         nodes = [self.model.graph.find(slot) for slot in slots]
         x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
         functions = {
@@ -266,8 +274,7 @@ class EnhancedBRDF:
         if self.trunk and NAME in self.evaluated:
             for group in self._groups(self.read_slots):
                 units = self.units(self._as_learned(record, group), wi, wo, evaluators, folded)
-                numbers = [v for slot in group for v in record["read_out"][self.trunk.numbers_of(slot)]]
-                functions |= self.scaled(group, read_out(units, numbers))
+                functions |= self.scaled(group, self.trunk.logs(group, units, record, evaluators), record)
         for c in self.distilled:
             if c.channels == 3:
                 for group in self._groups(c.slots):
@@ -300,11 +307,17 @@ class EnhancedBRDF:
         x = of_directions(record, self.inputs, wi, wo, [node])[node.name]
         return evaluators[NAME](x, folded[NAME])
 
-    def scaled(self, slots: Sequence[str], y: Sequence[mi.Float]) -> dict[str, Callable]:
-        """Return the functions that scale the terms in some slots by exp(y): a number for each, or one per channel."""
+    def scaled(self, slots: Sequence[str], y: Sequence[mi.Float], record: Mapping | None = None) -> dict[str, Callable]:
+        """Return the functions that scale the terms in some slots by exp(y): a number for each, or one per channel.
+
+        The ``norm`` of a slot in the record, if there is one, is added to y.
+        """
         n, functions = len(y) // len(slots), {}
         for k, slot in enumerate(slots):
-            factor = [_exp(v, MAX_LOG) for v in y[k * n : (k + 1) * n]]
+            norms = (record or {}).get(f"norm_{slot}", [])
+            norms = [norms] if isinstance(norms, mi.Float) else norms
+            logs = y[k * n : (k + 1) * n]
+            factor = [_exp(v, MAX_LOG) for v in ([a + b for a, b in zip(logs, norms, strict=True)] if norms else logs)]
             # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
             node = self.model.graph.find(slot)
             functions[slot] = lambda record, node=node, factor=factor: node(record) * _colour(factor, record)

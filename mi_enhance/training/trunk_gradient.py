@@ -35,9 +35,12 @@ class TrunkGradient:
         Materials, and samples of each.
     evaluators : Trainable
         Of the trunk's weights, whose gradient :meth:`Trainable.gradient` gives after a call.
+    fixed : bool
+        The weights of the trunk stay as they are, and have no gradient.
     """
 
-    def __init__(self, brdf: EnhancedBRDF, n_materials: int, n: int, evaluators: Trainable):
+    def __init__(self, brdf: EnhancedBRDF, n_materials: int, n: int, evaluators: Trainable, fixed: bool = False):
+        self.fixed = fixed
         self.brdf, self.n_materials, self.n, self.evaluators = brdf, n_materials, n, evaluators
         self.trunk = cast(Trunk, brdf.trunk)
         self._parameters = brdf.parameters[:-1]  # all but the read-out
@@ -73,22 +76,41 @@ class TrunkGradient:
             How much every material counts in the mean loss whose gradient this is.
         """
         m, n = self.n_materials, self.n
-        self.evaluators.take()  # a frozen function would take what is pending for one of its inputs
         r = self.trunk.matrix(read_out)
-        k, n_y = self.trunk.n_units, self.trunk.n_outputs
         with no_collection():
-            packed = self._forward(weights, flat, data, index)
-            # (M, K, n), a view: the samples of a material are consecutive
-            phi = columns.matrix(packed, k).reshape(k, m, n).transpose(1, 0, 2)
-            y = np.matmul(r[:, :, :-1], phi) + r[:, :, -1:]
-            y = mi.Float(np.ascontiguousarray(y.transpose(1, 0, 2)).ravel())
-            loss, direct, packed_dy = self._middle(flat, y, data, index, counts)
-            dy = columns.matrix(packed_dy, n_y).reshape(n_y, m, n).transpose(1, 0, 2)
+            loss, direct, phi, dy = self.to_logs(weights, flat, read_out, data, index, counts)
             dr_ = np.concatenate([np.matmul(dy, phi.transpose(0, 2, 1)), dy.sum(2, keepdims=True)], axis=2)
             dphi = np.matmul(r[:, :, :-1].transpose(0, 2, 1), dy)
             dphi = mi.Float(np.ascontiguousarray(dphi.transpose(1, 0, 2)).ravel())
             through, self.evaluators.pending = self._backward(weights, flat, dphi, data, index)
         return np.array(loss, np.float64) / n, direct + through, dr_.reshape(m, -1)
+
+    def to_logs(
+        self, weights, flat, read_out, data, index, counts
+    ) -> tuple[mi.Float, mi.Float, np.ndarray, np.ndarray]:
+        """Return what a step needs from the loss to the logarithms of the factors; arguments as of a call.
+
+        Returns
+        -------
+        loss : mi.Float
+            Of every material, summed over its samples.
+        direct : mi.Float
+            Gradient of the parameters outside of the trunk.
+        phi : array (M, K, n)
+            Units that are read out, a view.
+        dy : array (M, outputs, n)
+            Gradient of the logarithms, a view.
+        """
+        self.evaluators.take()  # a frozen function would take what is pending for one of its inputs
+        m, n, k, n_y = self.n_materials, self.n, self.trunk.n_units, self.trunk.n_outputs
+        r = self.trunk.matrix(read_out)
+        packed = self._forward(weights, flat, data, index)
+        # the samples of a material are consecutive
+        phi = columns.matrix(packed, k).reshape(k, m, n).transpose(1, 0, 2)
+        y = np.matmul(r[:, :, :-1], phi) + r[:, :, -1:]
+        y = mi.Float(np.ascontiguousarray(y.transpose(1, 0, 2)).ravel())
+        loss, direct, packed_dy = self._middle(flat, y, data, index, counts)
+        return loss, direct, phi, columns.matrix(packed_dy, n_y).reshape(n_y, m, n).transpose(1, 0, 2)
 
     def _wide(self, flat: mi.Float, fold: bool = True) -> tuple[dict, dict, list, list]:
         """Return the parameters of all lanes, what is folded of them, and all of it per material and per lane."""
@@ -140,7 +162,9 @@ class TrunkGradient:
         wi, wo = _directions(data, index)
         self.evaluators.weights = weights
         flat = mi.Float(dr.detach(flat))
-        dr.enable_grad(weights, flat)
+        dr.enable_grad(flat)
+        if not self.fixed:
+            dr.enable_grad(weights)
         params, folded, narrow, wide = self._wide(flat)
         units = self._units(wi, wo, params, folded)
         backward(units, columns.unpack(dphi, self.trunk.n_units))

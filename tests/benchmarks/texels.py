@@ -15,12 +15,15 @@ import common
 import numpy as np
 
 from mi_enhance import Material
+from mi_enhance.analytic import parameter_space
 from mi_enhance.benchmark.timing import machine
 from mi_enhance.data import directions, rgl
 from mi_enhance.data.measurements import clamp_negative
 from mi_enhance.evaluation import image_metrics, scenes
 from mi_enhance.evaluation.comparison_picture import draw
 from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
+from mi_enhance.fitting.problems import stacked
+from mi_enhance.material.material_maps import MaterialMaps
 from mi_enhance.output import srgb
 from mi_enhance.output.figure import sheet
 
@@ -34,6 +37,7 @@ _COLUMNS = {
     "unseen": ("unseen", ".5f"),
     "ratio": ("to GGX", ".2f"),
     "worst": ("worst texel", ".4f"),
+    "seams": ("seams", ".5f"),
     "better": ("texels better than GGX", ".1%"),
     "seconds_per_1000": ("s per 1,000 texels", ".2f"),
     "mean_abs_log": ("render: mean abs log", ".5f"),
@@ -78,6 +82,7 @@ def main() -> None:
             "unseen": error.mean(),
             "ratio": error.mean() / found["GGX"].mean(),
             "worst": error.max(),
+            "seams": seams(maps, *unseen[:2]),
             "better": (error < found["GGX"]).mean(),
             "mean_abs_log": image_metrics.mean_abs_log(image, truth),
             "delta_E_ITP_1000": 1000 * delta.mean(),
@@ -116,6 +121,22 @@ def blend(files: list[str], weights: np.ndarray) -> dict:
 
     inner = {"type": "blendbsdf", "weight": texture(b / (a + b)), "first": first, "second": second}
     return {"type": "blendbsdf", "weight": texture(c), "first": inner, "second": third}
+
+
+def seams(maps: MaterialMaps, wi: np.ndarray, wo: np.ndarray) -> float:
+    """Log-L1 between what bilinear maps are in the middle of four texels, and the mean of what these reflect."""
+    brdf, black = maps.material.brdf, np.zeros((maps.shape[1], len(wi), 3))
+    rows = parameter_space.Space(brdf.parameters).to_free(maps.as_vectors().astype(np.float64))
+    # a row at a time; residuals are differences of log(1 + f cos)
+    logs = np.array([[np.array(c) for c in stacked(brdf, wi, wo, black).residuals(u)] for u in rows])
+    f = np.expm1(-logs).reshape(len(rows), 3, -1, len(wi)).transpose(0, 2, 3, 1) / wo[:, 2:]
+    between = MaterialMaps(maps.material, {name: middle(values) for name, values in maps.maps.items()})
+    return float(log_l1_of_texels(between, wi, wo, np.maximum(middle(f), 0)).mean())
+
+
+def middle(a: np.ndarray) -> np.ndarray:
+    """Means of four neighbours, (H - 1, W - 1, ...)."""
+    return (a[:-1, :-1] + a[1:, :-1] + a[:-1, 1:] + a[1:, 1:]) / 4
 
 
 def render(bsdf: dict, args) -> np.ndarray:

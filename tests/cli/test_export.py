@@ -78,6 +78,15 @@ def test_a_material_of_a_measured_file_needs_the_file(material, tmp_path, capsys
     assert '--material: "gold-paint" is one of a measured file, and no DATA is given.' in capsys.readouterr().err
 
 
+def test_one_of_several_measurements_is_named_as_in_other_commands(llvm, tmp_path, capsys):
+    data, output = "mi_enhance/bundled/nbrdf/merl.npz", tmp_path / "bronze.csv"
+    arguments = ["export", data, "-D", "samples=100", "-o", str(output)]
+    assert main(arguments) == 2
+    assert "Say which with material= (--material)" in capsys.readouterr().err
+    assert main([*arguments, "--material", "alum-bronze"]) == 0
+    assert output.is_file()
+
+
 def test_a_measured_file_is_no_source_of_a_shader(llvm, tmp_path, capsys):
     data = "mi_enhance/bundled/rgl/chm_mint_rgb.bsdf"
     assert main(["export", data, "-o", str(tmp_path / "x.glsl")]) == 2

@@ -227,6 +227,7 @@ POINT = {"type": "point", "intensity": 1, "position": [0, 0, 1]}
         (one({**POINT, "power": 1}), 'unknown entry "power"'),
         (one({"type": "envmap", "file_path": "x.exr"}), "Use fit-images"),
         (one({"type": "directional", "intensity": 1, "direction": [0, 0, 0]}), "points nowhere"),
+        (one({"type": "directional", "intensity": 1, "direction": [0, 0, -1]}), "below the horizon of all"),
         (one(POINT, exposure_factor=0), "exposure_factor is 0; it must be a number above 0"),
     ],
 )

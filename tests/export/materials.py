@@ -62,6 +62,13 @@ def trunk() -> Material:
     return material.edit(read_out=rng.normal(0, 0.3, size), latent=rng.uniform(0, 1, 8), rho_s2=(0.3, 0.2, 0.1))
 
 
+def low_rank() -> Material:
+    """A trunk that is read out by codes, of a roughness that was edited."""
+    material, rng = Material.pretrained(low_rank=True), np.random.default_rng(4)
+    params = {"code": rng.normal(0, 1, 48), "latent": rng.uniform(0, 1, 8), "rho_s2": (0.3, 0.2, 0.1)}
+    return material.edit(**params).edit(alpha_x=0.3, alpha_y=0.3)
+
+
 def of_its_own() -> Material:
     """A small network in RGB that scales two terms, random weights."""
     material, rng = Material.analytic("ggx"), np.random.default_rng(3)
@@ -85,6 +92,7 @@ KINDS = {
     "net cook_torrance": functools.partial(pretrained, "cook_torrance"),
     "specialized": specialized,
     "trunk": trunk,
+    "low rank": low_rank,
     "of its own": of_its_own,
     "mixture": mixed,
     "bounded": lambda: Material.analytic("ward").edit(alpha_x=0.1, alpha_y=0.4, rho_s=1).bounded(),

@@ -140,6 +140,19 @@ def test_network_follows_what_its_analytic_model_cannot(llvm, network):
     assert smooth.report["log_l1"] < 2 * rough.report["log_l1"]
 
 
+def test_sweeps_that_pull_hard_at_first_leave_neighbours_closer(llvm, monkeypatch):
+    """Equal texels with noise: the last sweep pulls as hard in both."""
+    wi, wo, f, _ = surface(1, 1)
+    noisy = f * np.random.default_rng(0).lognormal(0, 0.1, (3, 3, S, 3))
+
+    def steps(factors):
+        monkeypatch.setattr("mi_enhance.fitting.fit_texels._SWEEPS", factors)
+        found = fit_texels(Material.analytic("ggx"), wi, wo, noisy, smoothness=1)
+        return np.abs(np.diff(np.log(found.maps.maps["alpha_x"]), axis=0)).mean()
+
+    assert steps((10.0, 3.0, 1.0)) < 0.8 * steps((1.0, 1.0, 1.0))
+
+
 def test_wrong_arguments_are_refused(llvm):
     wi, wo, f, _ = surface(1, 2)
     m = Material.analytic("ggx")

@@ -20,8 +20,8 @@ from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import trunk_start, with_trunk
 
 
-def small(seed=0) -> Material:
-    return Material(with_trunk("ggx2", hidden=(8, 8, 8), seed=seed), {})
+def small(seed=0, **how) -> Material:
+    return Material(with_trunk("ggx2", hidden=(8, 8, 8), seed=seed, **how), {})
 
 
 @functools.lru_cache
@@ -39,9 +39,11 @@ def measured(noise=0.0) -> Measurements:
     return Measurements(wi, wo, f.astype(np.float32), "hue", "made up")
 
 
-def test_gradients_are_central_differences_of_the_loss(llvm):
-    """Of every kind of unknown: frame, colours, roughness, F0, asymmetry, latent, read-out; two problems at once."""
-    brdf, rng = small().brdf, np.random.default_rng(0)
+@pytest.mark.parametrize("how", [{}, {"rank": 3}, {"rank": 2, "channels": 1}], ids=["free", "rank 3", "scalar"])
+def test_gradients_are_central_differences_of_the_loss(llvm, how):
+    """Of every kind of unknown: frame, colours, roughness, F0, asymmetry, latent, numbers of the read-out; of two
+    problems at once."""
+    brdf, rng = small(**how).brdf, np.random.default_rng(0)
     wi, wo = sample_pairs(800, seed=1)
     f = rng.exponential(0.3, (2, 400, 3))
     problem = stacked(brdf, wi.reshape(2, 400, 3), wo.reshape(2, 400, 3), f)
@@ -49,7 +51,8 @@ def test_gradients_are_central_differences_of_the_loss(llvm):
     u = np.tile(problem.space.to_free(trunk_start(brdf, values)), (2, 1))
     names = np.array([p.name for p in brdf.parameters for _ in range(p.size)])
     u[:, names == "rho_s2"], u[:, names == "alpha_x"] = 0.3, -1.2
-    u[:, names == "read_out"] = rng.normal(0, 0.05, (2, brdf.trunk.size))
+    own = np.flatnonzero(np.isin(names, ("read_out", "code")))
+    u[:, own] = rng.normal(0, 0.05 if not how else 0.3, (2, len(own)))
     epsilon = 0.05
 
     def smooth(v):
@@ -58,9 +61,8 @@ def test_gradients_are_central_differences_of_the_loss(llvm):
 
     _, g, loss = problem.normal_equations(u, np.full(2, epsilon))
     np.testing.assert_allclose(loss, smooth(u), rtol=1e-5)
-    read = np.flatnonzero(names == "read_out")
     for k in [*(int(np.flatnonzero(names == n)[0]) for n in ("t_theta", "rho_d", "rho_s", "alpha_x", "F0", "rho_s2",
-              "alpha_y2", "asymmetry", "latent")), *read[[0, 8, 30, -1]]]:  # fmt: skip
+              "alpha_y2", "asymmetry", "latent")), *own[[0, 2, len(own) // 2, -1]]]:  # fmt: skip
         step = np.zeros_like(u)
         step[:, k] = 2e-3
         numeric = (smooth(u + step) - smooth(u - step)) / 4e-3
@@ -102,10 +104,33 @@ def test_colours_mean_albedo_after_a_fit(llvm):
     np.testing.assert_allclose(albedo.mean(0), m.params["rho_d"], rtol=0.03)
 
 
-def test_a_trunk_is_not_for_texels(llvm):
+def test_a_free_read_out_is_not_for_texels(llvm):
     wi, wo = sample_pairs(8, seed=0)
-    with pytest.raises(ValueError, match='pretrained\\("ggx2"\\)'):
+    with pytest.raises(ValueError, match="numbers of its own.*low_rank=True"):
         fit_texels(small(), wi, wo, np.ones((2, 8, 3)))
+
+
+def test_codes_are_for_texels(llvm):
+    """Two texels whose diffuse terms turn hue one way and the other, which colours alone cannot follow."""
+    m = measured()
+    f = np.stack([m.f[:200], m.f[:200, ::-1]])
+    found = fit_texels(small(rank=4), m.wi[:200], m.wo[:200], f)
+    assert (found.log_l1 < 0.7 * found.log_l1_analytic).all()
+    assert found.maps.maps["code"].shape == (1, 2, 12) and "norm_B" not in found.maps.maps
+    again = found.maps.at(0, 1).evaluate(m.wi[:200], m.wo[:200])
+    cos = m.wo[:200, 2:]
+    assert abs(np.abs(np.log1p(again * cos) - np.log1p(f[1] * cos)).mean() / found.log_l1[0, 1] - 1) < 0.01
+
+
+def test_codes_are_for_fits(llvm):
+    """Never worse than the ancestor, and reciprocal on request; colours mean albedo, by the norms."""
+    m = fit(small(rank=4), measured(), reciprocal=True)
+    assert m.report["log_l1"] < 0.7 * m.report["log_l1_analytic"] and m.reciprocal
+    assert "code" not in m.report["std"] and m.params["norm_B"].any() and m.library is None
+    wi, wo = sample_pairs(500, seed=4)
+    np.testing.assert_allclose(m.evaluate(wi, wo), m.free.evaluate(wi, wo), rtol=1e-4, atol=1e-6)
+    again = fit(m, measured(), reciprocal=True)  # the norms go back into the colours first
+    assert again.report["log_l1"] < 1.02 * m.report["log_l1"]
 
 
 @pytest.mark.parametrize("edit", [{"alpha_x": 0.05, "alpha_y": 0.05}, {"alpha_x": 0.6, "alpha_y": 0.6}, {"F0": 0.5}])

@@ -189,6 +189,12 @@ def test_photographs_without_light_are_told(photographs):
         fit_images(ball(MATTE), without, **SHORT)
 
 
+def test_exposures_that_contradict_each_other_are_told(photographs):
+    wrong = [dataclasses.replace(photographs[0], image=2.5 * photographs[0].image), *photographs[1:]]
+    with pytest.warns(UserWarning, match='exposures contradict each other.*"view_00"|1 of 4 photographs'):
+        fit_images(ball(MATTE), wrong, **{**SHORT, "stages": [(1, 4, 3)]})
+
+
 @pytest.mark.slow
 def test_exposures_are_found(photographs):
     """Wrong by up to 2 at random: to 2 %, up to the one factor that no photograph tells from the albedo."""

@@ -34,9 +34,9 @@ const viewer = {
   },
 
   compiled(k) {
-    const { source, argument } = this.models[k].drawn, inside = argument ? "m, " : "";
-    const names = { EVAL: k < MODELS.length ? `m_eval(${inside}wi, wo)` : "truth(wi, wo)", PDF: `m_pdf(${inside}wi, wo)`, SAMPLE: `m_sample(${inside}wi, u)` };
-    let text = TRACE.replace("%MATERIAL%", () => source + (argument ? "uniform m_Material m;" : ""));
+    const { source } = this.models[k].drawn;
+    const names = { EVAL: k < MODELS.length ? "m_eval(m, wi, wo)" : "truth(wi, wo)", PDF: "m_pdf(m, wi, wo)", SAMPLE: "m_sample(m, wi, u)" };
+    let text = TRACE.replace("%MATERIAL%", () => source + "uniform m_Material m;");
     for (const [name, call] of Object.entries(names)) text = text.replace(new RegExp(`${name}\\(w[io], [uw]o?\\)`, "g"), call);
     return this.traced("#define MATERIAL\n" + text);
   },
