@@ -123,8 +123,9 @@ def test_links_that_nobody_answers_are_listed_and_others_fail():
 
 def test_every_page_has_a_place_in_the_site():
     index = (ROOT / "docs/index.md").read_text()
-    for page in (ROOT / "docs").glob("*.md"):
-        assert page.stem == "index" or re.search(rf"^{page.stem}$", index, re.MULTILINE), page.name
+    for page in [*(ROOT / "docs").glob("*.md"), *(ROOT / "notebooks").glob("*.ipynb")]:
+        has_place = re.search(rf"^(generated/tutorials/)?{page.stem}$", index, re.MULTILINE)
+        assert page.stem == "index" or has_place, page.name
 
 
 @pytest.mark.slow
