@@ -90,10 +90,9 @@ def of_free(material: Material) -> Material:
     if not trunk or not trunk.basis:
         return material
     brdf = with_basis(material.brdf, None)
-    params = [material.params, *([material.exact_params] if material.exact_params else [])]
-    params, *exact = (_freed(p, material.brdf) for p in params)
+    exact = _freed(material.exact_params, material.brdf) if material.exact_params else None
     return dataclasses.replace(
-        material, brdf=brdf, params=params, exact_params=exact[0] if exact else None, library=None
+        material, brdf=brdf, params=_freed(material.params, material.brdf), exact_params=exact, library=None
     )
 
 

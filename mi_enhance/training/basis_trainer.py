@@ -20,6 +20,7 @@ from ..neural.trunk import Trunk
 from ..numerics.schedules import cosine_decay
 from ..system.progress import Callback, Progress, silent
 from .analytic_start import representative
+from .trainer import Trainer
 from .trunk_gradient import TrunkGradient
 from .trunk_trainer import TrunkTrainer
 
@@ -67,7 +68,7 @@ class BasisTrainer(TrunkTrainer):
     def _read_outs(self) -> np.ndarray:
         return np.einsum("msr,srk->msk", *self._arrays()).reshape(self.n_materials, -1).astype(np.float32)
 
-    def _step(self, index: int) -> tuple:
+    def _step(self, index: int) -> tuple[tuple[mi.Float, mi.Float], tuple[list[mi.Float], mi.UInt32, mi.Float]]:
         """Return the arguments of :class:`TrunkGradient` but for the read-outs, before and after them."""
         weights, flat = mi.Float(self.trainable.weights), mi.Float(dr.detach(self.optimizer["parameters"]))
         return (weights, flat), (self._data, self._indices(index), self._importance())
@@ -104,8 +105,8 @@ class BasisTrainer(TrunkTrainer):
     def advance(self) -> np.ndarray:
         """Take one step and return the loss of every material before it."""
         codes, basis = self._arrays()
-        before, after = self._step(self.step)
-        loss, params, read = self._gradient(*before, self._read_outs(), *after)
+        (weights, flat), (data, index, counts) = self._step(self.step)
+        loss, params, read = self._gradient(weights, flat, self._read_outs(), data, index, counts)
         read = read.reshape(self.n_materials, self.slots, -1).astype(np.float64)
         of_codes = np.einsum("msk,srk->msr", read, basis) + (2 * _RIDGE / codes.size) * codes
         of_basis = np.einsum("msk,msr->srk", read, codes)
@@ -138,14 +139,14 @@ class BasisTrainer(TrunkTrainer):
 
 
 def train_basis(
-    trained: TrunkTrainer, folder: str | Path, *, rank: int = 16, steps: int = 2000, progress: Callback = silent
+    trained: Trainer, folder: str | Path, *, rank: int = 16, steps: int = 2000, progress: Callback = silent
 ) -> Material:
     """Train a basis for a trained trunk, or go on where an earlier run stopped.
 
     Parameters
     ----------
-    trained : TrunkTrainer
-        From :func:`mi_enhance.training.train.train`, of the same folder.
+    trained : Trainer
+        With a trunk, from :func:`mi_enhance.training.train.train`, of the same folder.
     folder : str or Path
         Keeps ``basis.npz``, the state. ``network.bsdf`` gets the basis.
     rank : int
