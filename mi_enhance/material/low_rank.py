@@ -33,12 +33,6 @@ class LowRank(NamedTuple):
     basis: MLP
     library: np.ndarray
 
-    def rank(self, brdf: EnhancedBRDF) -> int:
-        """Return how many numbers of a code each slot has."""
-        trunk = with_basis(brdf, self.basis).trunk
-        assert trunk is not None
-        return trunk.rank
-
 
 def with_basis(brdf: EnhancedBRDF, basis: MLP | None) -> EnhancedBRDF:
     """Return a BRDF whose materials have codes for this basis; None: read-outs of their own."""
@@ -97,8 +91,9 @@ def of_free(material: Material) -> Material:
         return material
     brdf = with_basis(material.brdf, None)
     exact = _freed(material.exact_params, material.brdf) if material.exact_params else None
-    params = _freed(material.params, material.brdf)
-    return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact, library=None)
+    return dataclasses.replace(
+        material, brdf=brdf, params=_freed(material.params, material.brdf), exact_params=exact, library=None
+    )
 
 
 def _freed(params: dict, brdf: EnhancedBRDF) -> dict:

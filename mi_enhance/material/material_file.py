@@ -97,7 +97,7 @@ def describe(material: Material) -> dict:
         "terms": dict(brdf.model.terms),
         "replace": {slot: list(mlp.sizes[1:-1]) for slot, mlp in brdf.modules.items()},
         **({"trunk": brdf.trunk.describe()} if brdf.trunk else {}),
-        **({"low_rank": material.low_rank.rank(brdf)} if material.low_rank else {}),
+        **({"low_rank": _rank(material)} if material.low_rank else {}),
         "n_latent": brdf.n_latent,
         "inputs": brdf.inputs,
         "modulated": any(mlp.modulated for mlp in brdf.modules.values()),
@@ -131,6 +131,11 @@ def from_arrays(description: str, params, weights) -> dict:
         template.with_networks(unflatten(template.networks, own)), distilled=_distilled(parsed, rest, template, where)
     )
     return _fields(brdf, np.asarray(params), parsed, where, None)
+
+
+def _rank(material: Material) -> int:
+    assert material.brdf.trunk is not None and material.low_rank is not None
+    return material.low_rank.basis.sizes[-1] // material.brdf.trunk.n_outputs
 
 
 def _low_rank(brdf: EnhancedBRDF, rank: Any, arrays: Mapping[str, np.ndarray], where: str) -> LowRank:

@@ -7,7 +7,7 @@ principal directions of the read-outs. Plain ones would not do: what counts is h
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import drjit as dr
 import mitsuba as mi
@@ -36,7 +36,7 @@ class BasisTrainer(TrunkTrainer):
 
     Parameters
     ----------
-    trained : Trainer
+    trained : TrunkTrainer
         With a trained trunk, which stays as it is.
     rank : int
         Numbers of a code for each slot.
@@ -68,10 +68,10 @@ class BasisTrainer(TrunkTrainer):
     def _read_outs(self) -> np.ndarray:
         return np.einsum("msr,srk->msk", *self._arrays()).reshape(self.n_materials, -1).astype(np.float32)
 
-    def _step(self, index: int) -> tuple[mi.Float, mi.Float, Any, mi.UInt32, mi.Float]:
-        """Return the arguments of :class:`TrunkGradient` but for the read-outs, which stand after the first two."""
+    def _step(self, index: int) -> tuple[tuple[mi.Float, mi.Float], tuple[list[mi.Float], mi.UInt32, mi.Float]]:
+        """Return the arguments of :class:`TrunkGradient` but for the read-outs, before and after them."""
         weights, flat = mi.Float(self.trainable.weights), mi.Float(dr.detach(self.optimizer["parameters"]))
-        return weights, flat, self._data, self._indices(index), self._importance()
+        return (weights, flat), (self._data, self._indices(index), self._importance())
 
     def _principal(self, read: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return codes and basis: directions in which the squares of read-outs, weighted by the loss, are largest."""
@@ -79,8 +79,8 @@ class BasisTrainer(TrunkTrainer):
         k, channels = trunk.n_units + 1, trunk.channels
         metric = np.zeros((m, self.slots, k, k))
         for step in range(_LOOKED_AT):
-            weights, flat, *rest = self._step(step)
-            *_, phi, dy = self._gradient.to_logs(weights, flat, read.astype(np.float32), *rest)
+            before, after = self._step(step)
+            *_, phi, dy = self._gradient.to_logs(*before, read.astype(np.float32), *after)
             seen = np.append(phi, np.ones_like(phi[:, :1]), 1)
             size = np.abs(dy).reshape(m, self.slots, channels, -1).sum(2)
             for s in range(self.slots):
@@ -105,8 +105,8 @@ class BasisTrainer(TrunkTrainer):
     def advance(self) -> np.ndarray:
         """Take one step and return the loss of every material before it."""
         codes, basis = self._arrays()
-        weights, flat, *rest = self._step(self.step)
-        loss, params, read = self._gradient(weights, flat, self._read_outs(), *rest)
+        (weights, flat), (data, index, counts) = self._step(self.step)
+        loss, params, read = self._gradient(weights, flat, self._read_outs(), data, index, counts)
         read = read.reshape(self.n_materials, self.slots, -1).astype(np.float64)
         of_codes = np.einsum("msk,srk->msr", read, basis) + (2 * _RIDGE / codes.size) * codes
         of_basis = np.einsum("msk,msr->srk", read, codes)
@@ -146,7 +146,7 @@ def train_basis(
     Parameters
     ----------
     trained : Trainer
-        From :func:`mi_enhance.training.train.train`, of the same folder.
+        With a trunk, from :func:`mi_enhance.training.train.train`, of the same folder.
     folder : str or Path
         Keeps ``basis.npz``, the state. ``network.bsdf`` gets the basis.
     rank : int
