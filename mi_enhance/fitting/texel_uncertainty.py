@@ -61,10 +61,11 @@ def uncertainty_of_texels(
 
     Examples
     --------
+    >>> from mi_enhance.data.directions import sample_pairs
     >>> m = Material.analytic("ggx").edit(rho_s=0)
     >>> maps = MaterialMaps(m, {"F0": np.full((1, 2, 1), 0.04)})
-    >>> up = np.array([[0, 0, 1.0]])
-    >>> told = uncertainty_of_texels(maps, up, up, np.tile(m.evaluate(up, up), (1, 2, 1, 1)))
+    >>> wi, wo = sample_pairs(50)
+    >>> told = uncertainty_of_texels(maps, wi, wo, np.tile(m.evaluate(wi, wo), (1, 2, 1, 1)))
     >>> told["F0"].round(3).ravel(), bool(told["rho_d"].max() < 0.01)
     (array([1., 1.]), True)
     """

@@ -67,9 +67,9 @@ class Uncertainty:
 
         Examples
         --------
-        >>> share = np.array([0.01, 0.3, 0.9, 0.01])
-        >>> Uncertainty(["F0", "alpha_x", "latent.00", "latent.01"], 0.1 * share, share, {}).words()
-        'Told by the photographs: F0 (0.001), 1 of 2 numbers of latent. Roughly: alpha_x (0.03). Left open: 1 of 2 ...'
+        >>> share = np.array([0.01, 0.3, 0.9])
+        >>> Uncertainty(["F0", "alpha_x", "rho_s2"], 0.1 * share, share, {}).words()
+        'Told by the photographs: F0 (0.001). Roughly: alpha_x (0.03). Left open: rho_s2.'
         """
         said: dict[str, list[str]] = {"Told by the photographs": [], "Roughly": [], "Left open": []}
         limits = dict(zip(said, ((-1, TOLD), (TOLD, OPEN), (OPEN, np.inf)), strict=True))
