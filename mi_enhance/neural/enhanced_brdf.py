@@ -315,7 +315,7 @@ class EnhancedBRDF:
         n, functions = len(y) // len(slots), {}
         for k, slot in enumerate(slots):
             norms = (record or {}).get(f"norm_{slot}", [])
-            norms = [norms] if isinstance(norms, mi.Float) else norms
+            norms = norms if isinstance(norms, list) else [norms]
             logs = y[k * n : (k + 1) * n]
             factor = [_exp(v, MAX_LOG) for v in ([a + b for a, b in zip(logs, norms, strict=True)] if norms else logs)]
             # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
