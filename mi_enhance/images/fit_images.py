@@ -202,9 +202,9 @@ def fit_images(
             keep(materials_of(descent, placed, {}))
 
     schedule.run(progress, draw, kept)
-    found = visibility.undetermined(descent, book.looks[:1], seed)
+    found, blind = visibility.undetermined(descent, book.looks[:1], seed)
     told = uncertainty.of_fit(descent, placed, prior, book.looks[0], seed, progress)
-    return result(descent, placed, views, book, found, told, settings, start)
+    return result(descent, placed, views, book, found, blind, told, settings, start)
 
 
 def _checked(stages, lr: float, max_depth: int) -> list[tuple[int, int, int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -67,6 +67,7 @@ def result(
     views: Sequence[View],
     book: Survey,
     undetermined: Sequence[str],
+    blind: Collection[int],
     told: Uncertainty | None,
     settings: dict,
     start: float,
@@ -82,6 +83,8 @@ def result(
     book : Survey
     undetermined : sequence of str
         Keys of unknowns that no photograph shows.
+    blind : collection of int
+        Numbers of photographs that show no unknown.
     told : Uncertainty or None
     settings : dict
     start : float
@@ -100,7 +103,8 @@ def result(
             factors[view.name] = _best_factor(view, renders[view.name])
             renders[view.name] = factors[view.name] * renders[view.name]
     else:
-        _tell_contradictions({v.name: _best_factor(v, renders[v.name]) for v in small if v.split == "train"})
+        seeing = [v for v in small if v.split == "train" and book.numbers[v.name] not in blind]
+        _tell_contradictions({v.name: _best_factor(v, renders[v.name]) for v in seeing})
     rows = [{"name": v.name, "split": v.split, **errors(v, renders[v.name])} for v in small]
     report = {
         "mean_abs_log": {s: _mean(r["mean_abs_log"] for r in rows if r["split"] == s) for s in ("train", "test")},

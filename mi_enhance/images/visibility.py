@@ -79,9 +79,12 @@ def warnings_of(
     return result
 
 
-def undetermined(descent: Descent, targets: Sequence[Target], seed: int) -> list[str]:
-    """Return the keys of unknowns that may change by half of their range without a pixel that shows it."""
-    return [u.key for u in descent.unknowns if not (changes_of(descent, [u], targets, seed) > _SEEN).any()]
+def undetermined(descent: Descent, targets: Sequence[Target], seed: int) -> tuple[list[str], set[int]]:
+    """Return the keys of unknowns that no pixel shows when they change by half of their range, and the blind views."""
+    seen = np.stack([changes_of(descent, [u], targets, seed) > _SEEN for u in descent.unknowns])
+    numbers = np.unique(np.concatenate([target.numbers.ravel() for target in targets]))
+    keys = [u.key for u, views in zip(descent.unknowns, seen, strict=True) if not views.any()]
+    return keys, {int(k) for k in numbers[~seen.any(0)]}
 
 
 def changes_of(descent: Descent, unknowns: Sequence[Unknown], targets: Sequence[Target], seed: int) -> np.ndarray:
