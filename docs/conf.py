@@ -141,6 +141,8 @@ def read(app, name: str, source: list[str]) -> None:
     """Lead links out of docs/ to the place that a page has in the site."""
     for old, new in MOVED.items():
         source[0] = source[0].replace(f"]({old}", f"]({new}")
+    if name.startswith("generated/tutorials/"):  # copies of the notebooks
+        source[0] = source[0].replace("](../docs/", "](../../")
 
 
 def setup(app) -> None:
