@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import cast
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..neural.mlp import MLP
 from ..numerics import columns
-from .objective import _gradient
 from .trunk_objective import TrunkObjective
 
 
@@ -31,14 +29,7 @@ class CodeObjective(TrunkObjective):
         trunk, b, n = self.trunk, self.n_problems, self.n
         leaves, record, above, units = self._units(u, grad=True)
         found = self._rows(self._matrix(columns.pack(units), len(units)))
-        logs = columns.lanes(self._sums(u, found).transpose(1, 0, 2).reshape(trunk.n_outputs, -1))
-        dr.enable_grad(logs)
-        r = self._residual(self._f(record, logs) & above)
-        by_channel = [logs[c :: trunk.channels] if trunk.channels == 3 else logs for c in range(3)]
-        packed = []
-        for c in range(3):
-            packed += [*_gradient(r[c], [*leaves, *by_channel[c]], mi.Float(1)), dr.detach(r[c])]
-        rows = self._matrix(columns.pack(packed), len(packed)).reshape(b, 3, -1, n)
+        rows = self._linearized(leaves, record, above, self._lanes_of(self._sums(u, found)))
         read = trunk.matrix(trunk.read_outs(u[:, self.n_rest :]).astype(np.float32))
         h, g, total = np.zeros((b, u.shape[1], u.shape[1])), np.zeros(u.shape), np.zeros(b)
         for c in range(3):
@@ -58,7 +49,7 @@ class CodeObjective(TrunkObjective):
         return h / (3 * n), g / (3 * n), total / (3 * n)
 
     def _logs(self, u: np.ndarray, phi: np.ndarray) -> list[mi.Float]:
-        return columns.lanes(self._sums(u, self._rows(phi)).transpose(1, 0, 2).reshape(self.trunk.n_outputs, -1))
+        return self._lanes_of(self._sums(u, self._rows(phi)))
 
     def _rows(self, phi: np.ndarray) -> np.ndarray:
         """Return what the numbers of a code are multiplied with, (problems, slots, rank, channels, samples)."""

@@ -51,25 +51,17 @@ class TrunkObjective(Objective):
         trunk, b, n = self.trunk, self.n_problems, self.n
         leaves, record, above, units = self._units(u, grad=True)
         phi = self._matrix(columns.pack(units), len(units))
-        logs = self._logs(u, phi)
-        dr.enable_grad(logs)
-        r = self._residual(self._f(record, logs) & above)
-        by_channel = [logs[c :: trunk.channels] if trunk.channels == 3 else logs for c in range(3)]
-        rows = []
-        for c in range(3):
-            rows += [*_gradient(r[c], [*leaves, *by_channel[c]], mi.Float(1)), dr.detach(r[c])]
-        n_rows, n_slots = len(rows) // 3, len(trunk.slots)
-        found = self._matrix(columns.pack(rows), len(rows)).reshape(b, 3, n_rows, n)
+        found = self._linearized(leaves, record, above, self._logs(u, phi))
         read = trunk.matrix(u[:, self.n_rest :].astype(np.float32))
         h = np.zeros((b, u.shape[1], u.shape[1]))
         g, total = np.zeros(u.shape), np.zeros(b)
         seen, diagonal = np.append(phi, np.ones((b, 1, n), np.float32), 1), np.zeros(u.shape)
-        place = self.n_rest + np.arange(trunk.size).reshape(n_slots, trunk.channels, -1)
+        place = self.n_rest + np.arange(trunk.size).reshape(len(trunk.slots), trunk.channels, -1)
         some = min(n, _CURVATURE)
         seen_squared = np.square(seen).transpose(0, 2, 1)
         parts, indices = [], []
         for c in range(3):
-            direct, slopes, value = np.split(found[:, c], [self.n_rest, n_rows - 1], axis=1)
+            direct, slopes, value = np.split(found[:, c], [self.n_rest, -1], axis=1)
             own = read[:, c :: trunk.channels, :-1] if trunk.channels == 3 else read[:, :, :-1]
             direct = direct + self._through(units, leaves, np.matmul(own.transpose(0, 2, 1), slopes))
             indices.append(np.append(np.arange(self.n_rest), place[:, c if trunk.channels == 3 else 0]))
@@ -91,6 +83,17 @@ class TrunkObjective(Objective):
         at = np.arange(u.shape[1])
         h[:, at, at] = np.maximum(h[:, at, at], diagonal)
         return h / (3 * n), g / (3 * n), total / (3 * n)
+
+    def _linearized(self, leaves: list, record: dict, above: Any, logs: list[mi.Float]) -> np.ndarray:
+        """Return by channel, (problems, 3, rows, samples): slopes of parameters and logarithms, then the residual."""
+        channels = self.trunk.channels
+        dr.enable_grad(logs)
+        r = self._residual(self._f(record, logs) & above)
+        rows = []
+        for c in range(3):
+            own = logs[c::channels] if channels == 3 else logs
+            rows += [*_gradient(r[c], [*leaves, *own], mi.Float(1)), dr.detach(r[c])]
+        return self._matrix(columns.pack(rows), len(rows)).reshape(self.n_problems, 3, -1, self.n)
 
     def _f(self, record: dict, logs: list) -> Any:
         return self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs, record))(record)
@@ -115,6 +118,10 @@ class TrunkObjective(Objective):
         """Return the logarithms of the factors."""
         read = self.trunk.matrix(u[:, self.n_rest :].astype(np.float32))
         y = np.matmul(read[:, :, :-1], phi) + read[:, :, -1:]
+        return self._lanes_of(y)
+
+    def _lanes_of(self, y: np.ndarray) -> list[mi.Float]:
+        """Return values of all outputs, (problems, outputs, samples), as lanes."""
         return columns.lanes(y.transpose(1, 0, 2).reshape(self.trunk.n_outputs, -1))
 
     def _through(self, units: list, leaves: list, gradient: np.ndarray) -> np.ndarray:

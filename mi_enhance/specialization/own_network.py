@@ -7,6 +7,7 @@ first, then on more, until the error on samples that were not learned stops fall
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -77,21 +78,8 @@ def own_network(
     best, judge = None, make(unseen, len(unseen.f))
     for n, steps in _STAGES:
         problem = make(seen, n)
-        found = []
-        for u in trials:
-            found.append(
-                levenberg_marquardt.minimize(
-                    problem.loss,
-                    problem.normal_equations,
-                    u[None],
-                    low,
-                    high,
-                    steps=steps,
-                    tolerance=3e-4,
-                    tries=_TRIES,
-                )
-            )
-        trials = [u[0] for u, _ in found]
+        fitted = functools.partial(levenberg_marquardt.minimize, problem.loss, problem.normal_equations)
+        trials = [fitted(u[None], low, high, steps=steps, tolerance=3e-4, tries=_TRIES)[0][0] for u in trials]
         if n < min(_FEW, len(seen.f)):
             continue
         u, error = min(((u, float(judge.loss(u[None])[0])) for u in trials), key=lambda pair: pair[1])
