@@ -38,6 +38,14 @@ def shipped() -> dict:
     return result | {f"network {path.stem}": Material.load(path) for path in networks}
 
 
+def network(name: str):
+    """A shipped network, or one of a file, in the form whose few numbers texels and photographs determine."""
+    from mi_enhance import Material
+    from mi_enhance.material.low_rank import of_low_rank
+
+    return of_low_rank(Material.load(name) if name.endswith(".bsdf") else Material.pretrained(name), name)
+
+
 def averaged(measurements, path):
     """The reflectance of an RGL file, (N, 3), as the average of both orders of each pair: reciprocal.
 

@@ -67,6 +67,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=12, help="photographs (default: %(default)s)")
     parser.add_argument("--resolution", type=int, default=64, help="pixels on a side (default: %(default)s)")
     parser.add_argument("--spp", type=int, default=2048, help="of the photographs (default: %(default)s)")
+    parser.add_argument("--judge-resolution", type=int, help="of what is judged (default: that of the photographs)")
     parser.add_argument("--judge-spp", type=int, default=4096, help="of what is judged (default: %(default)s)")
     parser.add_argument("--stage", dest="stages", action="append", metavar="FACTOR,SPP,STEPS")
     parser.add_argument("--noise", type=float, default=0.0, help="of the photographs, relative (default: none)")
@@ -76,6 +77,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", default="out/images", help="folder (default: %(default)s)")
     args = parser.parse_args()
+    args.judge_resolution = args.judge_resolution or args.resolution
     args.stages = [tuple(int(n) for n in s.split(",")) for s in args.stages or ()] or fit_images.STAGES
     mi.set_variant("llvm_ad_rgb")
     about = machine()
@@ -121,7 +123,7 @@ def material_rows(args, file: Path, folder: Path) -> list[dict]:
 def photographs_of(args, truth: dict, folder: Path) -> list:
     """Views around the object, rendered with the truth, and through files: what a user would have."""
     scene = scenes.load(args.scene, truth, resolution=16, spp=1)
-    views = render_views(scene, cameras(args, args.views, args.scene), spp=args.spp, seed=args.seed)
+    views = render_views(scene, cameras(args.views, args.scene, args.resolution), spp=args.spp, seed=args.seed)
     if args.noise:
         rng = np.random.default_rng(args.seed)
         noise = [rng.normal(1, args.noise, v.image.shape) for v in views]
@@ -136,13 +138,13 @@ def unseen(args) -> list[tuple[str, list]]:
     """Scene and cameras between those of the fit, and of another light."""
     other = next(name for name in _CAMERAS if name != args.scene)
     between = {"start": 180 / args.views, "elevations": (27, 52)}
-    return [(name, cameras(args, 4, name, **between)) for name in (args.scene, other)]
+    return [(name, cameras(4, name, args.judge_resolution, **between)) for name in (args.scene, other)]
 
 
-def cameras(args, n: int, scene: str, **how) -> list:
+def cameras(n: int, scene: str, resolution: int, **how) -> list:
     """Around the object."""
     target, distance = _CAMERAS[scene]
-    return around(n, target=target, distance=distance, resolution=args.resolution, **how)
+    return around(n, target=target, distance=distance, resolution=resolution, **how)
 
 
 def renders(args, scene: str, views: list, bsdf: dict) -> np.ndarray:
@@ -157,7 +159,7 @@ def judge(args, model, photos: list, exact: list[np.ndarray], folder: Path, name
     start, sought, starts, bsdf_of = model(args)
     scene = scenes.load(args.scene, start, resolution=16, spp=1)
     settings = {"stages": args.stages, "seed": args.seed, "unknowns": sought(scene), "starts": starts}
-    materials = {"ball.bsdf": Material.pretrained(args.network)} if label == "enhanced" else None
+    materials = {"ball.bsdf": common.network(args.network)} if label == "enhanced" else None
     found = fit_images.fit_images(scene, photos, materials=materials, **settings)
     bsdf = bsdf_of(found)
     row = {"fit_seconds": found.report["seconds"], "nonfinite_gradients": found.report["nonfinite_gradients"]}
@@ -213,7 +215,7 @@ def ggx(args) -> tuple:
 
 
 def enhanced(args) -> tuple:
-    network = Material.pretrained(args.network)
+    network = common.network(args.network)
     return network.to_dict(), unknowns.enhanced, (), lambda found: found.materials["ball.bsdf"].to_dict()
 
 
@@ -248,7 +250,7 @@ MODELS = {"GGX": ggx, "principled": principled, "enhanced": enhanced}
 
 def round_trip(args, folder: Path) -> dict:
     """The enhanced model fitted to photographs of one of its own materials."""
-    network = Material.pretrained(args.network)
+    network = common.network(args.network)
     k = spread(library_shapes(network.brdf, network.library), 60)[args.seed - 2]
     row = parameters.unflatten(network.brdf.parameters, np.asarray(network.library[k], np.float64))
     # one that is no start: those are the first 48
@@ -262,7 +264,7 @@ def round_trip(args, folder: Path) -> dict:
 
 def restarts(args) -> dict:
     """Steps from parameters at the ends of their ranges, and from random ones."""
-    network = Material.pretrained(args.network)
+    network = common.network(args.network)
     scene = scenes.load("sphere_envmap", network.to_dict(), resolution=16, spp=1)
     photos = render_views(
         scenes.load("sphere_envmap", {"type": "diffuse"}, resolution=16, spp=1),

@@ -66,7 +66,7 @@ def main() -> None:
     samples, unseen = (mixture(args.files, weights, n, seed) for n, seed in ((args.samples, 0), (_UNSEEN, 1)))
     truth = render(blend(args.files, weights), args)
     rows, found, pictures = [], {}, []
-    models = {"GGX": Material.analytic("ggx"), **{f"enhanced {n}": Material.pretrained(n) for n in args.network}}
+    models = {"GGX": Material.analytic("ggx"), **{f"enhanced {n}": common.network(n) for n in args.network}}
     for label, material in models.items():
         maps = fit_texels(material, *samples, smoothness=args.smoothness).maps
         error = found[label] = log_l1_of_texels(maps, *unseen)
