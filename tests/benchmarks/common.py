@@ -23,6 +23,18 @@ def rgl_files(given: Sequence[str]) -> list[Path]:
     return [Path(name) for name in given] or sorted((BUNDLED / "rgl").glob("*.bsdf"))
 
 
+def measurements(files: Sequence[str], count: int | None, n_samples: int, seed: int = 0):
+    """Yield the measurements of files; without any those of the fifth of MERL that training keeps aside."""
+    from mi_enhance import data
+    from mi_enhance.training.sources import HELD_OUT_EVERY
+
+    for path in files[:count]:
+        yield data.load(path, n_samples=n_samples, seed=seed)
+    merl = BUNDLED / "nps/merl.npz"
+    for name in [] if files else data.names(merl)[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY][:count]:
+        yield data.load(merl, material=name, n_samples=n_samples, seed=seed)
+
+
 def folder_name(label: str) -> str:
     """The label of a run as the name of its folder."""
     return "".join(c if c.isalnum() else "_" for c in label)

@@ -19,6 +19,7 @@ import mitsuba as mi  # isort: skip
 
 _ANGLES, _DRAWS = (10, 60), 1 << 14
 _FACTORS, _VALUES = (0.25, 0.5, 2.0, 4.0), (0.05, 0.2, 0.5)
+_GOOD = (0.6, 1.6)
 
 
 def edits_of(material: Material) -> dict[str, dict]:
@@ -53,29 +54,32 @@ def to_analytic(material: Material) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", nargs="*", help="measured files, or fitted .bsdf materials")
+    parser.add_argument("data", nargs="*", help="measured files (default: the fifth of MERL kept aside)")
+    parser.add_argument("--count", type=int, help="only so many of them (default: all)")
     parser.add_argument("--samples", type=int, default=20_000)
     parser.add_argument("-o", "--output", default="out/edits", help="folder of the fits (default: %(default)s)")
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     folder = Path(args.output)
     folder.mkdir(parents=True, exist_ok=True)
-    worst = (1.0, "")
-    for path in common.rgl_files(args.data):
-        kept = folder / f"{Path(path).stem}-{args.samples}.bsdf"
+    outside, n = [], 0
+    for measured in common.measurements(args.data, args.count, args.samples):
+        kept = folder / f"{measured.name}-{args.samples}.bsdf"
         if not kept.exists():
-            me.fit_best(Material.pretrained(), me.data.load(path, n_samples=args.samples)).save(kept)
+            me.fit_best(Material.pretrained(), measured).save(kept)
         fitted = Material.load(kept)
-        for kind, material in (("own", fitted), ("shared", fitted.unspecialized)):
+        kinds = {"own": fitted, "shared": fitted.unspecialized} if fitted.brdf.distilled else {"shared": fitted}
+        for kind, material in kinds.items():
             before = to_analytic(material)
             found = {name: to_analytic(material.edit(**e)) / before for name, e in edits_of(material).items()}
             text = "  ".join(f"{name}: {r[0]:.2f} {r[1]:.2f}" for name, r in found.items())
-            print(f"{Path(path).stem} {kind}\n  {text}", flush=True)
+            print(f"{measured.name} {kind}\n  {text}", flush=True)
+            n += len(found)
             for name, ratios in found.items():
                 r = max(ratios, key=lambda v: abs(np.log(v)))
-                if abs(np.log(r)) > abs(np.log(worst[0])):
-                    worst = (float(r), f"{Path(path).stem} {kind}, {name}")
-    print(f"worst: {worst[0]:.2f} ({worst[1]})")
+                if not _GOOD[0] <= r <= _GOOD[1]:
+                    outside.append(f"{measured.name} {kind}, {name}: {r:.2f}")
+    print(f"{len(outside)} of {n} edits outside {_GOOD[0]} to {_GOOD[1]}", *outside, sep="\n  ")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ import numpy as np
 from mi_enhance import Material
 from mi_enhance.benchmark.timing import machine
 from mi_enhance.fitting.fit_texels import fit_texels, log_l1_of_texels
-from mi_enhance.material.low_rank import of_low_rank
 from mi_enhance.output.figure import sheet
 from mi_enhance.training.sources import build
 
@@ -73,8 +72,7 @@ def _networks(names: list[str]) -> dict[str, Material]:
     """Return networks by label, those with free read-outs in their form of low rank."""
     result = {}
     for name in names:
-        network = Material.load(name) if name.endswith(".bsdf") else Material.pretrained(name)
-        material = of_low_rank(network, name)
+        material = common.network(name)
         rank = material.brdf.trunk.rank if material.brdf.trunk else 0
         result[f"rank {rank}, {name}" if rank else name] = material
     return result

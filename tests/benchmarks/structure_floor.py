@@ -24,9 +24,8 @@ import common
 import numpy as np
 from scipy.optimize import minimize
 
-from mi_enhance import Material, data, fit
+from mi_enhance import Material, fit
 from mi_enhance.benchmark.timing import machine
-from mi_enhance.training.sources import HELD_OUT_EVERY
 
 _SUBSET = 1500  # samples that the colours are found on; the floor is that of all
 _STARTS = 3
@@ -60,7 +59,7 @@ def main() -> None:
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     losses = {name: {} for name in ("GGX, fitted", *STRUCTURES)}
-    for measurements in _materials(args):
+    for measurements in common.measurements(args.data, args.count, args.samples, args.seed):
         print(measurements.name, flush=True)
         report = fit(Material.analytic("ggx"), measurements, seed=args.seed).report
         losses["GGX, fitted"][measurements.name] = report["log_l1"]
@@ -149,17 +148,6 @@ def _start(f, cos, constant: bool, free: int, rng) -> np.ndarray:
     picked = f[rng.choice(len(f), free, replace=False, p=weights / weights.sum())]
     picked = picked / np.maximum(picked.max(1, keepdims=True), 1e-9)
     return np.log(np.concatenate([dark[None], picked] if constant else [picked]).clip(1e-4)).ravel()
-
-
-def _materials(args):
-    """Measurements of the files given, else of the stand-ins kept aside."""
-    if args.data:
-        for path in args.data[: args.count]:
-            yield data.load(path, n_samples=args.samples, seed=args.seed)
-        return
-    path = common.BUNDLED / "nps/merl.npz"
-    for name in data.names(path)[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY][: args.count]:
-        yield data.load(path, material=name, n_samples=args.samples, seed=args.seed)
 
 
 if __name__ == "__main__":
