@@ -9,7 +9,10 @@ import numpy as np
 
 from ..neural.mlp import MLP
 from ..numerics import columns
+from ..numerics.threads import in_threads
 from .trunk_objective import TrunkObjective
+
+_SHARES = 8  # of the problems, taken by threads
 
 
 class CodeObjective(TrunkObjective):
@@ -43,7 +46,8 @@ class CodeObjective(TrunkObjective):
             j = np.concatenate([direct, codes.reshape(b, -1, n), value], 1) * np.sqrt(1 / smooth)
             # float32 products of at most a few thousand samples, added up in float64
             for part in np.array_split(j, max(1, n // 4096), axis=2):
-                product = np.matmul(part, part.transpose(0, 2, 1)).astype(np.float64)
+                shares = in_threads(lambda a: a @ a.transpose(0, 2, 1), np.array_split(part, min(b, _SHARES)))
+                product = np.concatenate(shares).astype(np.float64)
                 h += product[:, :-1, :-1]
                 g += product[:, :-1, -1]
         return h / (3 * n), g / (3 * n), total / (3 * n)

@@ -23,7 +23,7 @@ from ..numerics import columns
 from ..numerics.threads import in_threads
 from .objective import Objective, _gradient
 
-# Samples per float32 product; products are added in float64.
+# Samples per float32 product, of one thread; products are added in float64.
 _BLOCK = 4096
 _CURVATURE = 8192  # samples whose products say how far a step goes; all of them say where to
 
@@ -53,12 +53,10 @@ class TrunkObjective(Objective):
         phi = self._matrix(columns.pack(units), len(units))
         found = self._linearized(leaves, record, above, self._logs(u, phi))
         read = trunk.matrix(u[:, self.n_rest :].astype(np.float32))
-        h = np.zeros((b, u.shape[1], u.shape[1]))
-        g, total = np.zeros(u.shape), np.zeros(b)
-        seen, diagonal = np.append(phi, np.ones((b, 1, n), np.float32), 1), np.zeros(u.shape)
+        h, g = np.zeros((b, u.shape[1], u.shape[1])), np.zeros(u.shape)
+        diagonal, total = np.zeros(u.shape), np.zeros(b)
         place = self.n_rest + np.arange(trunk.size).reshape(len(trunk.slots), trunk.channels, -1)
         some = min(n, _CURVATURE)
-        seen_squared = np.square(seen).transpose(0, 2, 1)
         parts, indices = [], []
         for c in range(3):
             direct, slopes, value = np.split(found[:, c], [self.n_rest, -1], axis=1)
@@ -67,18 +65,15 @@ class TrunkObjective(Objective):
             indices.append(np.append(np.arange(self.n_rest), place[:, c if trunk.channels == 3 else 0]))
             smooth = np.sqrt(np.square(value) + np.square(epsilon, dtype=np.float32)[:, None, None])
             total += smooth.sum((1, 2), dtype=np.float64)
-            pull = (value / smooth).transpose(0, 2, 1)
-            linear = np.matmul(slopes * pull.transpose(0, 2, 1), seen.transpose(0, 2, 1))
-            g[:, indices[c]] += np.append(np.matmul(direct, pull), linear.reshape(b, -1, 1), 1)[:, :, 0]
-            if some < n:
-                squares = np.matmul(np.square(slopes) / smooth, seen_squared).reshape(b, -1)
-                diagonal[:, indices[c]] += np.append((np.square(direct) / smooth).sum(2), squares, 1)
-            for k, first in itertools.product(range(b), range(0, some, _BLOCK)):
-                part = slice(first, min(first + _BLOCK, some))
-                scale = np.sqrt(1 / smooth[k, 0, part])
-                parts.append((c, k, (direct[k][:, part], slopes[k][:, part], phi[k][:, part], scale)))
-        for (c, k, _), product in zip(parts, in_threads(lambda v: _product(*v[2]), parts), strict=True):
-            h[k][np.ix_(indices[c], indices[c])] += product * (n / some)
+            for k, first in itertools.product(range(b), range(0, n, _BLOCK)):
+                arrays = (a[k, :, first : first + _BLOCK] for a in (direct, slopes, phi, value, smooth))
+                parts.append((c, k, (*arrays, first < some)))
+        sums = in_threads(lambda part: _sums(*part[2]), parts)
+        for (c, k, _), (gc, squares, product) in zip(parts, sums, strict=True):
+            g[k, indices[c]] += gc
+            diagonal[k, indices[c]] += squares
+            if product is not None:
+                h[k][np.ix_(indices[c], indices[c])] += product * (n / some)
         # A number that hardly any of these samples feels must not take a huge step: it has the curvature of all.
         at = np.arange(u.shape[1])
         h[:, at, at] = np.maximum(h[:, at, at], diagonal)
@@ -135,9 +130,14 @@ class TrunkObjective(Objective):
         return self._matrix(columns.pack(result), len(result))
 
 
-def _product(direct, slopes, phi, scale) -> np.ndarray:
-    """Return the products of all pairs of weighted rows."""
-    seen = np.append(phi, np.ones((1, len(scale)), np.float32), 0)
-    linear = ((slopes * scale)[:, None] * seen).reshape(-1, len(scale))
-    rows = np.append(direct * scale, linear, 0)
-    return (rows @ rows.T).astype(np.float64)
+def _sums(direct, slopes, phi, value, smooth, curved: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Return J^T r, the diagonal of J^T J and, if `curved`, J^T J itself of some samples of one channel."""
+    seen = np.append(phi, np.ones_like(value), 0)
+    pull, scale = value / smooth, np.sqrt(1 / smooth)
+    g = np.append(direct @ pull[0], (slopes * pull) @ seen.T)
+    direct, slopes = direct * scale, slopes * scale
+    squares = np.append(np.square(direct).sum(1), np.square(slopes) @ np.square(seen).T)
+    if not curved:
+        return g, squares, None
+    rows = np.append(direct, (slopes[:, None] * seen).reshape(-1, seen.shape[1]), 0)
+    return g, squares, (rows @ rows.T).astype(np.float64)

@@ -10,6 +10,7 @@ from ..analytic import parameter_space, parameters
 from ..data.measurements import Measurements
 from ..material.material import Material
 from ..numerics.arrays import color3f, vector3f
+from ..numerics.threads import one_thread
 from .problems import objective_of
 
 # Residuals count as at least this much: below it is what float32 and the model's own shape leave, not information.
@@ -101,7 +102,8 @@ def posterior(normal: np.ndarray, residual: float | np.ndarray, precision: np.nd
     """
     size = np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 0))
     scale = np.where(size > 0, size, 1)
-    values, vectors = np.linalg.eigh(normal / (scale[..., :, None] * scale[..., None, :]))
+    with one_thread():
+        values, vectors = np.linalg.eigh(normal / (scale[..., :, None] * scale[..., None, :]))
     root = vectors * np.sqrt(np.where(values > _SINGULAR, values, 0))[..., None, :] * scale[..., :, None]
     before = np.swapaxes(np.linalg.inv(np.linalg.cholesky(precision)), -1, -2)  # times its transpose: the covariance
     root = np.swapaxes(before, -1, -2) @ root / np.maximum(np.asarray(residual), LEAST_RESIDUAL)[..., None, None]

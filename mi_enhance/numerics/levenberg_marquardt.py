@@ -10,6 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .threads import one_thread
+
 # Residuals below this share of the mean loss count quadratically; smaller values follow L1 closer but step less far.
 _SMOOTH = 0.1
 
@@ -64,6 +66,11 @@ def minimize(
     >>> minimize(loss, equations, np.zeros((1, 1)), np.zeros(1), np.full(1, 9.0))[0].round(3)
     array([[3.]])
     """
+    with one_thread():
+        return _minimize(loss, normal_equations, u, low, high, steps, tolerance, tries, callback)
+
+
+def _minimize(loss, normal_equations, u, low, high, steps, tolerance, tries, callback) -> tuple[np.ndarray, np.ndarray]:
     u = np.clip(u, low, high)
     damping = np.ones(len(u))  # a careful first step: long ones end in worse minima
     best = loss(u)

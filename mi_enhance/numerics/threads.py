@@ -9,12 +9,18 @@ import functools
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
+
+
+def one_thread() -> AbstractContextManager:
+    """Return a context in which BLAS uses one thread: for many small products and systems of some hundred unknowns."""
+    return _blas().limit(limits=1, user_api="blas")
 
 
 def in_threads(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
@@ -25,7 +31,7 @@ def in_threads(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> 
     >>> in_threads(abs, [-1, 2, -3])
     [1, 2, 3]
     """
-    with _blas().limit(limits=1, user_api="blas"):
+    with one_thread():
         return list(_pool().map(function, items))
 
 

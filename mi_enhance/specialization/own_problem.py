@@ -21,10 +21,9 @@ from ..numerics.arrays import vector3f
 from ..numerics.threads import in_threads
 from .distillation import _forward
 
-_BLOCK = 1024  # samples per product: their Jacobian of some hundred unknowns stays in the cache
 _CHANNELS = 3
-_PART = 4096  # samples that one thread takes
-_CURVATURE = 8192  # samples whose products say how far a step goes; all of them say where to
+_PART = 4096  # samples that one thread takes: what it reads stays in the cache
+_CURVATURE = 4096  # samples whose products say how far a step goes; all of them say where to
 _LARGEST_WEIGHT = 30.0  # keeps a fit from running away along a direction the data says nothing about
 
 
@@ -178,15 +177,14 @@ class OwnProblem:
             pairs = [(np.ones((self.n, 1), np.float32), direct)]
             for (seen, _), dz in zip(kept, deltas, strict=True):
                 pairs += [(seen, dz), (pairs[0][0], dz)]
-            pull = (weight * value)[:, None]
-            g[indices[c]] += np.concatenate([((d * pull).T @ seen).ravel() for seen, d in pairs])
-            if some < self.n:
-                squares = [((d * d * weight[:, None]).T @ (seen * seen)).ravel() for seen, d in pairs]
-                diagonal[indices[c]] += np.concatenate(squares)
-            for part in range(0, some, _PART):
-                parts.append((c, pairs, weight, slice(part, min(part + _PART, some))))
-        for (c, *_), hc in zip(parts, in_threads(lambda v: _products(*v[1:]), parts), strict=True):
-            h[np.ix_(indices[c], indices[c])] += hc * (self.weights.sum() / self.weights[:some].sum())
+            for first in range(0, self.n, _PART):
+                parts.append((c, pairs, weight, value, slice(first, first + _PART), first < some))
+        share = self.weights[:some].sum() / self.weights.sum()
+        for (c, *_), (gc, squares, hc) in zip(parts, in_threads(lambda v: _sums(*v[1:]), parts), strict=True):
+            g[indices[c]] += gc
+            diagonal[indices[c]] += squares
+            if hc is not None:
+                h[np.ix_(indices[c], indices[c])] += hc / share
         # A weight that hardly any of these samples feels must not take a huge step: it has the curvature of all.
         np.fill_diagonal(h, np.maximum(h.diagonal(), diagonal))
         n = _CHANNELS * self.weights.sum()
@@ -216,17 +214,20 @@ class OwnProblem:
         return columns.matrix(columns.pack(result), len(result)).T
 
 
-def _products(pairs, weight, rows: slice) -> np.ndarray:
-    """Return J^T J of some samples; J is made of the products of all columns of each pair."""
-    h: Any = 0.0
-    for k in range(rows.start, rows.stop, _BLOCK):
-        part = slice(k, min(k + _BLOCK, rows.stop))
-        s = np.sqrt(weight[part])[:, None]
-        a = np.concatenate(
-            [((d[part] * s)[:, :, None] * seen[part][:, None, :]).reshape(len(s), -1) for seen, d in pairs], axis=1
-        )
-        h = h + a.T @ a
-    return h
+def _sums(pairs, weight, value, rows: slice, curved: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Return J^T r, the diagonal of J^T J and, if `curved`, J^T J itself of some samples.
+
+    J is made of the products of all columns of each pair, which are never written down as a whole.
+    """
+    cut, weight = [(seen[rows], d[rows]) for seen, d in pairs], weight[rows, None]
+    pull = weight * value[rows, None]
+    g = np.concatenate([((d * pull).T @ seen).ravel() for seen, d in cut])
+    squares = np.concatenate([((d * d * weight).T @ (seen * seen)).ravel() for seen, d in cut])
+    if not curved:
+        return g, squares, None
+    root = np.sqrt(weight)
+    a = np.concatenate([((d * root)[:, :, None] * seen[:, None]).reshape(len(root), -1) for seen, d in cut], 1)
+    return g, squares, a.T @ a
 
 
 def _backward(layers, kept, dy: np.ndarray, c: int) -> tuple[list[np.ndarray], np.ndarray]:
