@@ -67,9 +67,9 @@ class TrunkObjective(Objective):
             total += smooth.sum((1, 2), dtype=np.float64)
             for k, first in itertools.product(range(b), range(0, n, _BLOCK)):
                 arrays = (a[k, :, first : first + _BLOCK] for a in (direct, slopes, phi, value, smooth))
-                parts.append((c, k, (*arrays, first < some)))
-        sums = in_threads(lambda part: _sums(*part[2]), parts)
-        for (c, k, _), (gc, squares, product) in zip(parts, sums, strict=True):
+                parts.append((c, k, first < some, arrays))
+        sums = in_threads(lambda part: _sums(*part[3], curved=part[2]), parts)
+        for (c, k, *_), (gc, squares, product) in zip(parts, sums, strict=True):
             g[k, indices[c]] += gc
             diagonal[k, indices[c]] += squares
             if product is not None:
@@ -130,7 +130,7 @@ class TrunkObjective(Objective):
         return self._matrix(columns.pack(result), len(result))
 
 
-def _sums(direct, slopes, phi, value, smooth, curved: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+def _sums(direct, slopes, phi, value, smooth, *, curved: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Return J^T r, the diagonal of J^T J and, if `curved`, J^T J itself of some samples of one channel."""
     seen = np.append(phi, np.ones_like(value), 0)
     pull, scale = value / smooth, np.sqrt(1 / smooth)
