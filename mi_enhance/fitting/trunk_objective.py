@@ -66,7 +66,7 @@ class TrunkObjective(Objective):
             smooth = np.sqrt(np.square(value) + np.square(epsilon, dtype=np.float32)[:, None, None])
             total += smooth.sum((1, 2), dtype=np.float64)
             for k, first in itertools.product(range(b), range(0, n, _BLOCK)):
-                arrays = (a[k, :, first : first + _BLOCK] for a in (direct, slopes, phi, value, smooth))
+                arrays = [a[k, :, first : first + _BLOCK] for a in (direct, slopes, phi, value, smooth)]
                 parts.append((c, k, first < some, arrays))
         sums = in_threads(lambda part: _sums(*part[3], curved=part[2]), parts)
         for (c, k, *_), (gc, squares, product) in zip(parts, sums, strict=True):
