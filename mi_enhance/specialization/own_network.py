@@ -27,7 +27,7 @@ from ..system.progress import Callback, Progress, silent
 from . import distillation
 from .own_problem import OwnProblem
 
-_SEEDS, _FEW = 4, 4096  # first weights that are tried, on how many samples: on fewer the best is not yet seen
+_SEEDS = 4  # first weights that are tried
 _STAGES = ((2048, 8), (4096, 15), (12288, 25), (32768, 20), (1 << 17, 10))  # samples, most steps
 # Curvature of a part of the samples may ask for far too long steps: a shorter one costs less than a new linearization.
 _TRIES = 6
@@ -79,15 +79,15 @@ def own_network(
     for n, steps in _STAGES:
         problem = make(seen, n)
         fitted = functools.partial(levenberg_marquardt.minimize, problem.loss, problem.normal_equations)
-        trials = [fitted(u[None], low, high, steps=steps, tolerance=3e-4, tries=_TRIES)[0][0] for u in trials]
-        if n < min(_FEW, len(seen.f)):
-            continue
-        u, error = min(((u, float(judge.loss(u[None])[0])) for u in trials), key=lambda pair: pair[1])
+        trials = [fitted(u[None], low, high, steps=steps, tolerance=3e-4, tries=_TRIES)[0] for u in trials]
+        errors = [float(judge.loss(u)[0]) for u in trials]
+        order = np.argsort(errors)
+        trials = [trials[k][0] for k in order[: -(-len(order) // 2)]]  # the better half goes on
+        error = errors[order[0]]
         progress(Progress(f"network {'-'.join(map(str, hidden))}, {n} samples", 1, 1, {"error": error}))
         if best is not None and n >= _LAST and error > best[1] * (1 - _ENOUGH):
             break
-        best = (u, error) if best is None or error < best[1] else best
-        trials = [u]
+        best = (trials[0], error) if best is None or error < best[1] else best
         if n >= len(seen.f):
             break
     assert best is not None
