@@ -122,7 +122,7 @@ def errors(evaluate: Callable, unseen: Measurements) -> dict:
     each = abs(np.log1p(evaluate(unseen.wi, unseen.wo) * cos) - np.log1p(unseen.f * cos)).mean(1)
     h = unseen.wi + unseen.wo
     near = h[:, 2] > _HIGHLIGHT * np.linalg.norm(h, axis=1)
-    return {"error": each.mean(), "highlight": each[near].mean()}
+    return {"error": float(each.mean()), "highlight": float(each[near].mean())}
 
 
 def timed(label: str, road: str, fit: Callable, judged: Callable) -> dict:
@@ -236,7 +236,7 @@ def cards(source: Path, folder: Path, args) -> list[dict]:
         maps.save(str(folder / f"cards_{common.folder_name(name)}.exr"))
         renders[name] = predicted(maps, unseen)
         each = log_l1_of_texels(maps, *unseen[:3])
-        return {"error": each[unseen.counts.any(2)].mean()}
+        return {"error": float(each[unseen.counts.any(2)].mean())}
 
     for name in ("GGX", *args.network):
         rows.append(timed(name, "cards", lambda: me.fit_texels(model(name), wi, wo, f), judged))  # noqa: B023
