@@ -250,7 +250,7 @@ def predicted(maps, unseen) -> np.ndarray:
     height, width = maps.shape
     y, x = (v.ravel() for v in np.mgrid[:height, :width])
     si = mi.SurfaceInteraction3f()
-    si.uv = mi.Point2f((x + 0.5) / width, 1 - (y + 0.5) / height)
+    si.uv = mi.Point2f((x + 0.5) / width, (y + 0.5) / height)
     si.wi = mi.Vector3f(unseen.wi[:, :, 0].reshape(-1, 3).T)
     wo = mi.Vector3f(unseen.wo[:, :, 0].reshape(-1, 3).T)
     return np.array(bsdf.eval(mi.BSDFContext(), si, wo, True)).T.reshape(height, width, 3)
