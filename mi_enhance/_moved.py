@@ -43,7 +43,7 @@ MODULES = {
     "energy": "sampling.energy_bound",
     "enhance": "neural.enhance neural.enhanced_brdf",
     "expression": "analytic.text_model.expression",
-    "features": "neural.inputs",
+    "features": "neural.inputs neural.parameter_inputs",
     "fit": "fitting.fit fitting.analytic_fit fitting.rmsprop system.variants",
     "geometry": "analytic.geometry",
     "graph": "analytic.graph",

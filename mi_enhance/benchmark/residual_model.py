@@ -17,8 +17,9 @@ import numpy as np
 from ..analytic import models, parameters
 from ..analytic.graph import Node
 from ..neural.enhanced_brdf import EnhancedBRDF
-from ..neural.inputs import InputKind, n_of_parameters, names_of_directions
+from ..neural.inputs import InputKind, names_of_directions
 from ..neural.mlp import MLP, xavier
+from ..neural.parameter_inputs import n_of_parameters
 
 SMALL, LARGE = (32, 64, 64, 16), (32, 64, 128, 128, 64)  # the paper's: as large as its modules, and five times
 

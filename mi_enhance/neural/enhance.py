@@ -12,15 +12,8 @@ from ..analytic.graph import Node
 from ..analytic.models.model import Model
 from . import mlp
 from .enhanced_brdf import EnhancedBRDF
-from .inputs import (
-    COLOURLESS,
-    INPUTS,
-    InputKind,
-    n_of_parameters,
-    names_of_directions,
-    names_of_parameters,
-    of_parameters,
-)
+from .inputs import COLOURLESS, INPUTS, InputKind, names_of_directions
+from .parameter_inputs import n_of_parameters, names_of_parameters, of_parameters
 from .trunk import Trunk
 
 FIRST_ASYMMETRY = 0.3  # of a trunk

@@ -16,8 +16,9 @@ from ..analytic.parameters import MAX_LOG
 from . import baked
 from .distilled_network import DistilledNetwork
 from .evaluator import Evaluator, Evaluators
-from .inputs import COLOURLESS, InputKind, names_of_parameters, of_directions, of_parameters
+from .inputs import COLOURLESS, InputKind, of_directions
 from .mlp import MLP
+from .parameter_inputs import names_of_parameters, of_parameters
 from .trunk import BASIS, NAME, Trunk
 
 # The output of a module is the logarithm of a factor, so every term stays positive and a product of terms is a sum that

@@ -1,4 +1,6 @@
-"""The inputs of the modules, in five kinds. Two tables list them all; their number, names and places come from there.
+"""The inputs of the modules, in five kinds, and the table of those that vary with the directions.
+
+Their number, names and places come from it; the others are listed in :mod:`mi_enhance.neural.parameter_inputs`.
 
 ``"shape"``
     Features of half vector and difference angle in the material's frame; of the parameters only those that shape lobes,
@@ -25,7 +27,7 @@ from typing import Any, Literal, get_args
 
 import drjit as dr
 
-from ..analytic import lobes, parameters
+from ..analytic import lobes
 from ..analytic.graph import Node
 from ..analytic.lobes import Lobe
 from ..analytic.models.model import Model
@@ -36,13 +38,9 @@ COLOURLESS = ("shape", "reciprocal", "own")  # whose modules see no colour, and 
 
 _ALL = (*COLOURLESS, "symmetric")
 
-# --- inputs that vary with the directions -----------------------------------------------------------------------------
-
 Seen = Literal["half", "difference", "each", "slopes", "raw"]
 # The quantities of which a term reads one, so that it sees features of the half vector, or of each direction.
 _HALF, _EACH = {"h", "cos_theta_h"}, {"cos_theta_i", "cos_theta_o", "wi", "wo"}
-
-
 _EVEN = 0.05  # differences of cosines that count as none, so that the features are smooth at 0
 
 
@@ -246,79 +244,3 @@ def names_of(inputs: str) -> tuple[str, ...]:
     """
     kind = "reciprocal" if inputs == "reciprocal" else "shape"
     return tuple(name for f in _FEATURES if kind in f.inputs for name in f.names)
-
-
-# --- inputs that are constant over a material -------------------------------------------------------------------------
-
-
-def _plain(v: Any) -> Any:
-    return v
-
-
-def _log(v: Any) -> Any:
-    return dr.log(v) / 4
-
-
-def _log1p(v: Any) -> Any:
-    """Keep rho_s, which spans 0 to 10, in the range of the others."""
-    return dr.log(1 + v)
-
-
-def _root(v: Any) -> Any:
-    return dr.sqrt(v + 1e-4)  # 1e-4: sqrt has a finite slope at F0 = 0
-
-
-Scale = Callable[[Any], Any]
-_SCALES = tuple((name, _plain) for name in ("alpha_x", "alpha_y", "F0"))
-# The paper's modules read the analytic parameters as they are. In the symmetric form the directions are given in the
-# material's own frame, so n and t say nothing; their three places hold roughness and F0 on other scales.
-_CONSTANTS: dict[str, tuple[tuple[str, Scale], ...]] = {
-    "directions": (*((name, _plain) for name in (*parameters.FRAME, "rho_d", "rho_s")), *_SCALES),
-    "symmetric": (
-        *(("alpha_x", _log), ("alpha_y", _log), ("F0", _root)),
-        *(("rho_d", _plain), ("rho_s", _log1p)),
-        *_SCALES,
-    ),
-}
-
-
-def _constants(model: Model, inputs: str) -> tuple[tuple[str, Scale], ...]:
-    """Return parameter and scale of the constant inputs, in the order of the weights."""
-    if inputs not in COLOURLESS:
-        return _CONSTANTS[inputs]
-    # Parameters that shape the lobes: neither colours nor the frame, nor those of an alternative term. Numbers that may
-    # be negative stay as they are.
-    shape = (q for q in model.parameters if not (q.is_colour or q.name in parameters.FRAME or q.name in model.extra))
-    return tuple((q.name, _log if q.log else _root if q.low >= 0 else _plain) for q in shape)
-
-
-def names_of_parameters(model: Model, inputs: str) -> list[str]:
-    """Return the names of the parameters that :func:`of_parameters` reads, except ``latent``."""
-    return list(dict.fromkeys(name for name, _ in _constants(model, inputs)))
-
-
-def n_of_parameters(model: Model, inputs: str) -> int:
-    """Return the length of the list that :func:`of_parameters` makes, without the latent numbers."""
-    sizes = {q.name: q.size for q in model.parameters}
-    return sum(sizes.get(name, 1) for name, _ in _constants(model, inputs))
-
-
-def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
-    """Compute the inputs that are constant over a material: from the analytic parameters, then the latent ones.
-
-    Parameters
-    ----------
-    p : dict
-        Parameter values. One that is None, for colours and ``latent`` a list of them, gives None: it is not known yet.
-    inputs : {"shape", "own", "symmetric", "directions"}
-    model : Model
-
-    Returns
-    -------
-    list of mi.Float or None
-    """
-    colours = parameters.colours(model.parameters)
-    result = []
-    for name, scale in _constants(model, inputs):
-        result += [None if v is None else scale(v) for v in (p[name] if name in colours else [p[name]])]
-    return [*result, *p.get("latent", ())]

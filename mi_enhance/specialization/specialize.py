@@ -18,9 +18,9 @@ from ..fitting.fit import fit
 from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..material.reports import SpecializeReport
-from ..neural import inputs as inputs_module
 from ..neural.distilled_network import DistilledNetwork
 from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.parameter_inputs import of_parameters
 from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import distillation, pruning
@@ -229,7 +229,7 @@ def _pruned(material: Material, training: FactorProblem) -> tuple[DistilledNetwo
     if brdf.inputs not in ("shape", "reciprocal") or not set(training.slots) <= set(brdf.modules):
         return ()
     values = material.as_drjit()
-    constant = np.array([v[0] for v in inputs_module.of_parameters(values, brdf.inputs, brdf.model)], np.float64)
+    constant = np.array([v[0] for v in of_parameters(values, brdf.inputs, brdf.model)], np.float64)
     result = []
     for slot in training.slots:
         *hidden, (w, b) = pruning.fold(brdf.modules[slot], constant)

@@ -7,7 +7,7 @@ from lanes import vectors
 
 from mi_enhance import enhance, models
 from mi_enhance.analytic import geometry, parameters
-from mi_enhance.neural import inputs
+from mi_enhance.neural import inputs, parameter_inputs
 from mi_enhance.neural.simplify import simplify
 
 
@@ -22,7 +22,7 @@ def values(model):
 @pytest.mark.parametrize("name", sorted(models.MODELS))
 def test_names_and_values_are_as_many(llvm, name, kind):
     model = models.get(name)
-    if not set(inputs.names_of_parameters(model, kind)) <= {p.name for p in model.parameters}:
+    if not set(parameter_inputs.names_of_parameters(model, kind)) <= {p.name for p in model.parameters}:
         with pytest.raises(ValueError, match=f'modules read .* which model "{name}" does not have'):
             enhance(name, ["G"] if "G" in model.graph.slots else ["D"], inputs=kind)
         return
@@ -33,7 +33,7 @@ def test_names_and_values_are_as_many(llvm, name, kind):
     for slot, x in inputs.of_directions(record, kind, wi, wo, nodes).items():
         names = inputs.names_of_directions(model, kind, model.graph.find(slot))
         assert len(names) == len(set(names)) == len(x), slot
-    assert len(inputs.of_parameters(p, kind, model)) == inputs.n_of_parameters(model, kind) + 3
+    assert len(parameter_inputs.of_parameters(p, kind, model)) == parameter_inputs.n_of_parameters(model, kind) + 3
 
 
 def test_order_of_the_inputs_is_that_of_saved_weights():
@@ -53,7 +53,7 @@ def test_order_of_the_inputs_is_that_of_saved_weights():
     node = models.get("ashikhmin_shirley").graph.find("1/E")
     assert inputs.names_of_directions(model, "own", node) == ["cos_d", "sin_d", *each]
     assert inputs.names_of_directions(model, "symmetric", node) == [*inputs.NAMES[:3], *inputs.NAMES[5:8]]
-    assert inputs.names_of_parameters(model, "directions") == [
+    assert parameter_inputs.names_of_parameters(model, "directions") == [
         *("n_x", "n_y", "t_theta", "rho_d", "rho_s", "alpha_x", "alpha_y", "F0")
     ]
 
