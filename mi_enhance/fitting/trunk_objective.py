@@ -18,6 +18,7 @@ from ..analytic.parameter_space import Space
 from ..neural import trainable
 from ..neural import trunk as trunk_module
 from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.replacements import scaled
 from ..neural.trunk import NAME, Trunk
 from ..numerics import columns
 from ..numerics.threads import in_threads
@@ -91,7 +92,8 @@ class TrunkObjective(Objective):
         return self._matrix(columns.pack(rows), len(rows)).reshape(self.n_problems, 3, -1, self.n)
 
     def _f(self, record: dict, logs: list) -> Any:
-        return self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs, record))(record)
+        graph = self.brdf.model.graph
+        return graph.replace(scaled(graph, self.trunk.slots, logs, record))(record)
 
     def _units(self, u: np.ndarray, grad: bool = False) -> tuple[list, dict, Any, list]:
         """Return the parameters but the read-out, the record, the lanes above the horizon, and the units."""

@@ -6,28 +6,19 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 
-from ..analytic import geometry, lobes, parameters
+from ..analytic import geometry, parameters
 from ..analytic.graph import Node
 from ..analytic.models.model import Model
 from ..analytic.parameters import MAX_LOG
-from . import baked
+from . import baked, replacements
 from .distilled_network import DistilledNetwork
 from .evaluator import Evaluator, Evaluators
 from .inputs import COLOURLESS, InputKind, of_directions
 from .mlp import MLP
 from .parameter_inputs import names_of_parameters, of_parameters
 from .trunk import BASIS, NAME, Trunk
-
-# The output of a module is the logarithm of a factor, so every term stays positive and a product of terms is a sum that
-# is easy to learn. Products must stay within float32's 3e38: two modules of MAX_LOG beside S, D and 1/E, which reach
-# 10, 3e7 and 2.5e7, come to 2e33; three beside D and 1/E, four beside A, which reaches 1e5, or all five (S, D, F, G,
-# 1/E) would overflow, and have less room each: 4e35, 1e31 and 4e32.
-_MAX_LOG_OF_MANY = 15.0
-# Floor of an operand before its logarithm is taken: an analytic operand may be exactly 0 (rho_s = 0, F0 = 0).
-_MIN_OPERAND = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,20 +134,17 @@ class EnhancedBRDF:
         >>> enhance("ggx").multiply_adds
         4480
         """
+        evaluated, colours = self.evaluated, parameters.colours(self.model.parameters)
         total = sum(c.multiply_adds for c in self.distilled)
-        colours = parameters.colours(self.model.parameters)
-        for slot, mlp in self.evaluated.items():
-            if slot in (NAME, BASIS):
-                total += self.trunk.multiply_adds if self.trunk and slot == NAME else 0
-                continue
-            sizes = (mlp.sizes[0] - mlp.n_folded, *mlp.sizes[1:])
-            once = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if mlp.varies else 0
+        if self.trunk and NAME in evaluated:
+            total += self.trunk.multiply_adds
+        for slot in self.modules.keys() & evaluated.keys():
             node = self.model.graph.find(slot)
-            total += once * (3 if node.args and node.reads(colours) else 1)  # channel by channel
+            total += evaluated[slot].multiply_adds * (3 if node.args and node.reads(colours) else 1)  # by channel
         return total
 
     def __str__(self) -> str:
-        return str(self.model.graph.replace(dict.fromkeys(self._slots, _exp)))  # any function: brackets are printed
+        return str(self.model.graph.replace(dict.fromkeys(self._slots, repr)))  # any function: brackets are printed
 
     def evaluators(self, kind: Callable[[MLP], Evaluator] = baked.Baked) -> dict[str, Evaluator]:
         """Return an evaluator of that kind for each slot."""
@@ -229,12 +217,7 @@ class EnhancedBRDF:
         return graph(record) & active
 
     def prepare(
-        self,
-        wi: Any,
-        wo: Any,
-        params: Mapping,
-        evaluators: Evaluators | None = None,
-        folded: Mapping | None = None,
+        self, wi: Any, wo: Any, params: Mapping, evaluators: Evaluators | None = None, folded: Mapping | None = None
     ) -> tuple[Node, dict[str, Any], Any]:
         """Return the graph to evaluate, its record, and the lanes above the horizon; arguments as :meth:`__call__`."""
         quantities, active = geometry.local_quantities(wi, wo, params)
@@ -266,41 +249,34 @@ class EnhancedBRDF:
         dict of str to callable
             A function of the record for a term, of the two operands for an operator.
         """
-        slots = [slot for slot in self.evaluated if slot not in (NAME, BASIS)]
-        nodes = [self.model.graph.find(slot) for slot in slots]
-        x, limits = of_directions(record, self.inputs, wi, wo, nodes), self._max_logs()
+        graph, slots = self.model.graph, [slot for slot in self.evaluated if slot in self.modules]
+        x = of_directions(record, self.inputs, wi, wo, map(graph.find, slots))
+        limits = replacements.max_logs(graph, self.modules)
         functions = {
             slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
         }
         if self.trunk and NAME in self.evaluated:
-            for group in self._groups(self.read_slots):
-                units = self.units(self._as_learned(record, group), wi, wo, evaluators, folded)
-                functions |= self.scaled(group, self.trunk.logs(group, units, record, evaluators), record)
+            for group, seen in self._seen(self.read_slots, record):
+                units = self.units(seen, wi, wo, evaluators, folded)
+                logs = self.trunk.logs(group, units, record, evaluators)
+                functions |= replacements.scaled(graph, group, logs, record)
         for c in self.distilled:
             if c.channels == 3:
-                for group in self._groups(c.slots):
+                for group, seen in self._seen(c.slots, record):
                     part = c.without(set(c.slots) - set(group), ())
-                    functions |= self.scaled(group, part(self._as_learned(record, group))) if part else {}
+                    functions |= replacements.scaled(graph, group, part(seen)) if part else {}
                 continue
-            values = [_exp(y, limits.get(slot, MAX_LOG)) for slot, y in zip(c.slots, c(record), strict=True)]
-            functions |= {slot: lambda *_, y=y: y for slot, y in zip(c.slots, values, strict=True)}
+            for slot, y in zip(c.slots, c(record), strict=True):
+                factor = replacements.factor(y, limits.get(slot, MAX_LOG))
+                functions[slot] = lambda *_, factor=factor: factor
         return functions
 
-    def _groups(self, slots: Sequence[str]) -> list[tuple[str, ...]]:
-        """Return the slots that see the same angles: all, but for a material whose roughness was edited."""
-        return [tuple(slots)] if self.reference is None else [(slot,) for slot in slots]
-
-    def _as_learned(self, record: Mapping, group: Sequence[str]) -> Mapping:
-        """Return the record as a slot saw it before the roughness was edited; the record itself if it was not."""
+    def _seen(self, slots: Sequence[str], record: Mapping) -> list[tuple[Sequence[str], Mapping]]:
+        """Return the slots, and the record that they see: each has its own where the roughness was edited."""
         if self.reference is None:
-            return record
-        known = {name: mi.Float(v) for name, v in self.reference.items() if name in record}
-        lobe, h = lobes.of_slot(group[0]), record["h"]
-        # Only terms of a lobe move with it, and only where it became wider (1): a narrower one holds no new angles.
-        if lobe.alpha_x in known and any(n.startswith("alpha") for n in self.model.graph.find(group[0]).inputs):
-            x, y = (c * dr.minimum(known[a] / record[a], 1) for c, a in ((h.x, lobe.alpha_x), (h.y, lobe.alpha_y)))
-            h = mi.Vector3f(x, y, dr.safe_sqrt(1 - x * x - y * y))
-        return {**record, **known, "h": h}
+            return [(slots, record)]
+        graph = self.model.graph
+        return [((slot,), replacements.as_learned(record, graph.find(slot), self.reference)) for slot in slots]
 
     def units(self, record: Mapping, wi: Any, wo: Any, evaluators: Evaluators, folded: Mapping) -> list[mi.Float]:
         """Return the units of the trunk before the leaky ReLU; arguments as :meth:`replacements`."""
@@ -308,79 +284,16 @@ class EnhancedBRDF:
         x = of_directions(record, self.inputs, wi, wo, [node])[node.name]
         return evaluators[NAME](x, folded[NAME])
 
-    def scaled(self, slots: Sequence[str], y: Sequence[mi.Float], record: Mapping | None = None) -> dict[str, Callable]:
-        """Return the functions that scale the terms in some slots by exp(y): a number for each, or one per channel.
-
-        The ``norm`` of a slot in the record, if there is one, is added to y.
-        """
-        n, functions = len(y) // len(slots), {}
-        for k, slot in enumerate(slots):
-            norms = (record or {}).get(f"norm_{slot}", [])
-            norms = norms if isinstance(norms, list) else [norms]
-            logs = y[k * n : (k + 1) * n]
-            factor = [_exp(v, MAX_LOG) for v in ([a + b for a, b in zip(logs, norms, strict=True)] if norms else logs)]
-            # The term stays: f is linear in the colours, and a factor of 1 is the analytic model.
-            node = self.model.graph.find(slot)
-            functions[slot] = lambda record, node=node, factor=factor: node(record) * _colour(factor, record)
-        return functions
-
-    def _max_logs(self) -> dict[str, float]:
-        """Return the largest logarithm, of either sign, of each module: less where three or more are factors."""
-        result: dict[str, float] = {}
-
-        def close(factors: list[str]) -> None:
-            result.update(dict.fromkeys(factors, MAX_LOG if len(factors) < 3 else _MAX_LOG_OF_MANY))
-
-        def factors(node: Node) -> list[str]:
-            """Return modules that are multiplied with one another; the one of an operator takes its operands' place."""
-            below = [factors(a) for a in node.args]
-            if node.symbol == "*" and node.name not in self.modules:
-                return [name for names in below for name in names]
-            for names in below:
-                close(names)
-            return [node.name] if node.name in self.modules else []
-
-        close(factors(self.model.graph))
-        return result
-
     def _function(self, slot: str, x: Sequence, evaluator: Evaluator, bias: Sequence, limit: float) -> Callable:
         """Return the function that replaces `slot`."""
-        if self.model.graph.find(slot).args:
-            return lambda a, b: _operator(evaluator, bias, a, b, limit)
-        mlp, name = self.modules[slot], f"norm_{slot}"
+        node, mlp = self.model.graph.find(slot), self.modules[slot]
+        if node.args:
+            return lambda a, b: replacements.operator(evaluator, bias, a, b, limit)
 
         def term(record):
-            values = evaluator(x, bias) if mlp.varies else bias
-            out = [_exp(y + record[name] if name in record else y, limit) for y in values]
-            return _colour(out, record)
+            return replacements.term(evaluator(x, bias) if mlp.varies else bias, record, f"norm_{slot}", limit)
 
         if self.inputs in COLOURLESS and mlp.sizes[-1] == 3:
             # Colours are no inputs: such a module scales the term in its slot, and f stays linear in its colour.
-            node = self.model.graph.find(slot)
             return lambda record: node(record) * term(record)
         return term
-
-
-def _colour(v: Sequence[mi.Float], record: Mapping) -> Any:
-    """Return one number, or three as a colour: RGB, or what the record's ``of_rgb`` makes of it for a renderer."""
-    if len(v) == 1:
-        return v[0]
-    return record["of_rgb"](mi.Color3f(*v)) if "of_rgb" in record else mi.Color3f(*v)
-
-
-def _exp(y, limit: float):
-    return dr.exp(dr.clip(y, -limit, limit))
-
-
-def _operator(evaluator: Evaluator, bias: Sequence, a: Any, b: Any, limit: float) -> Any:
-    """Apply a module to the logarithms of two operands; colours go through it one channel after the other."""
-
-    def one(a, b):
-        (y,) = evaluator([dr.log(dr.maximum(v, _MIN_OPERAND)) for v in (a, b)], bias)
-        return _exp(y, limit)
-
-    n = max(dr.size_v(a) if dr.depth_v(a) > 1 else 1, dr.size_v(b) if dr.depth_v(b) > 1 else 1)
-    if n == 1:
-        return one(a, b)
-    channel = lambda v, k: v[k] if dr.depth_v(v) > 1 else v  # noqa: E731
-    return (type(a) if dr.depth_v(a) > 1 else type(b))(*(one(channel(a, k), channel(b, k)) for k in range(n)))

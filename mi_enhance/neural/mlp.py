@@ -79,6 +79,12 @@ class MLP:
         """
         return sum(w.size + b.size for w, b in self.layers)
 
+    @property
+    def multiply_adds(self) -> int:
+        """Of one evaluation, the constant inputs folded."""
+        sizes = (self.sizes[0] - self.n_folded, *self.sizes[1:])
+        return sum(a * b for a, b in zip(sizes, sizes[1:], strict=False)) if self.varies else 0
+
 
 def xavier(sizes: Sequence[int], n_folded: int, rng: np.random.Generator, modulated: bool = False) -> MLP:
     """Draw Xavier (Glorot) uniform weights and zero biases: the paper's initialization (section 4.3).

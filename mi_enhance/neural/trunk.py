@@ -79,8 +79,7 @@ class Trunk:
     @property
     def multiply_adds(self) -> int:
         """Of one evaluation, the constant inputs folded; a code of one material makes a read-out of its own."""
-        sizes = (self.mlp.sizes[0] - self.mlp.n_folded, *self.mlp.sizes[1:], self.n_outputs)
-        return sum(a * b for a, b in zip(sizes, sizes[1:], strict=False))
+        return self.mlp.multiply_adds + self.n_units * self.n_outputs
 
     @property
     def networks(self) -> dict[str, MLP]:

@@ -14,8 +14,8 @@ from ..analytic.models.model import Model
 from ..analytic.parameter_space import Space
 from ..analytic.parameters import ASYMMETRY
 from ..fitting.objective import _gradient
-from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.inputs import named
+from ..neural.replacements import scaled
 from ..numerics import columns
 from ..numerics.arrays import vector3f
 from ..numerics.threads import in_threads
@@ -123,8 +123,8 @@ class OwnProblem:
         return leaves, record, above, [features[name] + dr.zeros(mi.Float, self.n) for name in self.inputs]
 
     def f(self, record, above, logs) -> Any:
-        functions = EnhancedBRDF(self.model, {}).scaled(self.slots, logs)
-        return mi.Color3f(self.model.graph.replace(functions)(record)) & above
+        graph = self.model.graph
+        return mi.Color3f(graph.replace(scaled(graph, self.slots, logs))(record)) & above
 
     def _x(self, features) -> np.ndarray:
         x = columns.matrix(columns.pack(features), len(features)).T

@@ -18,6 +18,7 @@ from ..fitting.losses import compressed
 from ..fitting.objective import _arrays, _like, backward
 from ..neural import trunk as trunk_module
 from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.replacements import scaled
 from ..neural.trainable import Trainable
 from ..neural.trunk import NAME, Trunk
 from ..numerics import columns
@@ -149,7 +150,8 @@ class TrunkGradient:
         logs = columns.unpack(y, self.trunk.n_outputs)
         dr.enable_grad(logs)
         q, above = geometry.local_quantities(wi, wo, params)
-        value = self.brdf.model.graph.replace(self.brdf.scaled(self.trunk.slots, logs))({**q, **params}) & above
+        graph = self.brdf.model.graph
+        value = graph.replace(scaled(graph, self.trunk.slots, logs))({**q, **params}) & above
         loss: Any = 0
         for truth, v in zip(f, value, strict=True):
             loss += dr.abs(compressed(truth, wo.z) - compressed(v, wo.z)) / 3
