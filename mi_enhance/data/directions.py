@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 MIN_COS = 0.01  # the horizon, 89.4 degrees: beyond, measured data are extrapolated and f = eval / cos is mostly noise
-UNIT_TOLERANCE = 1e-3  # directions may be off unit length by this much: float32 and short decimals, not mistakes
 _BLOCK = 1 << 20  # pairs drawn at a time: 30 MB of random numbers
 _PEAK_ALPHA = (0.003, 0.3)  # roughness of highlights nobody knows, log-uniform: near-mirrors to gloss
 

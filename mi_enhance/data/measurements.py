@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .directions import UNIT_TOLERANCE
+from ..system.checks import unit_vectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,7 @@ class Measurements:
             _refuse(where, key, getattr(self, key), ~np.isfinite(getattr(self, key)).all(axis=1), "must be finite")
         for key in ("wi", "wo"):
             a = getattr(self, key)
-            length_error = np.abs(np.linalg.norm(a.astype(np.float64), axis=1) - 1)
-            _refuse(where, key, a, length_error > UNIT_TOLERANCE, "must have length 1")
+            unit_vectors(a, key, where)
             _refuse(where, key, a, a[:, 2] <= 0, "must be above the horizon (z > 0); leave this sample out")
         _refuse(where, "f", self.f, (self.f < 0).any(axis=1), "must be >= 0; clamp it and say so in clamped_fraction")
         if not 0 <= self.clamped_fraction <= 1:

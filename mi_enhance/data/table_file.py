@@ -28,8 +28,8 @@ from pathlib import Path
 import numpy as np
 
 from ..system import npz
+from ..system.checks import UNIT_TOLERANCE
 from ..system.files import replacing, require_file
-from .directions import UNIT_TOLERANCE
 from .measurements import Measurements
 from .registry import reader
 from .rows import from_rows

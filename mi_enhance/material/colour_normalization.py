@@ -19,7 +19,7 @@ from ..analytic.graph import Node
 from ..analytic.parameters import MAX_LOG
 from ..neural.trainable import fused
 from ..sampling import albedo
-from .material import Material
+from .material import Material, roughnesses
 
 _SAMPLES = 1 << 14
 # Sine of the largest angle of the views whose mean an edit holds, 65 degrees: what a factor says at the horizon, where
@@ -76,8 +76,17 @@ def reshaped(material: Material, before: Material) -> Material:
     """Return an edited material whose terms reflect, to their analytic ones, what they did before the edit.
 
     Factors were learned at one roughness. Elsewhere they extrapolate, and a paint would turn to silver; so their mean
-    is held, channel by channel, and only their shape follows the edit.
+    is held, channel by channel, and only their shape follows the edit. An edit that leaves the shape of the lobes
+    changes nothing here.
     """
+    brdf = before.brdf
+    shape = [p.name for p in brdf.model.parameters if not p.is_colour and p.name not in parameters.FRAME]
+    if all(np.array_equal(material.params[name], before.params[name]) for name in shape):
+        return material
+    known, now = brdf.reference or roughnesses(before.params), roughnesses(material.params)
+    brdf = dataclasses.replace(brdf, reference=known if known != now else None)
+    exact = before.exact_reference or (roughnesses(before.exact_params) if before.exact_params else None)
+    material = dataclasses.replace(material, brdf=brdf, exact_reference=exact)
     factors = list(_factors(material))
     found = [_albedos(m, _SEEN) for m in (material, before)] if factors else []
     for k, slot, _ in factors:

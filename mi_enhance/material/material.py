@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,7 +13,6 @@ import numpy as np
 
 from ..analytic import parameters
 from ..analytic.models import Model
-from ..data.directions import UNIT_TOLERANCE
 from ..neural.enhance import enhance
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.trainable import fused
@@ -22,8 +20,9 @@ from ..numerics.arrays import vector3f
 from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
 from ..system.bundled_files import DEFAULT_NETWORK, network_file
+from ..system.checks import direction_pairs
 from . import low_rank as low_rank_forms
-from . import material_file
+from . import material_file, text
 from .low_rank import LowRank
 from .old_names import OldNames
 from .reports import SpecializeReport
@@ -140,14 +139,7 @@ class Material(OldNames):
         changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
         exact = {**self.exact_params, **{name: changed[name] for name in values}} if self.exact_params else None
         edited = dataclasses.replace(self, params=changed, exact_params=exact)
-        shape = [p.name for p in self.brdf.model.parameters if not p.is_colour and p.name not in parameters.FRAME]
-        if any(not np.array_equal(changed[name], self.params[name]) for name in shape) and self.factors_in_rgb:
-            known = self.brdf.reference or _roughnesses(self.params)
-            brdf = dataclasses.replace(self.brdf, reference=known if known != _roughnesses(changed) else None)
-            before = self.exact_reference or (_roughnesses(self.exact_params) if self.exact_params else None)
-            edited = dataclasses.replace(edited, brdf=brdf, exact_reference=before)
-            return colour_normalization.reshaped(edited, self)
-        return edited
+        return colour_normalization.reshaped(edited, self) if self.factors_in_rgb else edited
 
     @property
     def factors_in_rgb(self) -> bool:
@@ -177,7 +169,7 @@ class Material(OldNames):
         params, reference = self.params, self.brdf.reference
         if self.exact_params:
             params, reference = self.exact_params, self.exact_reference
-            reference = None if reference == _roughnesses(params) else reference
+            reference = None if reference == roughnesses(params) else reference
         brdf = dataclasses.replace(self.brdf, distilled=(), reference=reference)
         return dataclasses.replace(
             self, brdf=brdf, params=params, exact_params=None, exact_reference=None, report=report
@@ -190,34 +182,7 @@ class Material(OldNames):
 
     def show(self) -> str:
         """A text: equation, parameters, report."""
-        lines = [str(self.brdf)]
-        for p in self.brdf.parameters:
-            values = self.params[p.name]
-            many = p.name in ("read_out", "code")
-            text = f"{len(values)} numbers" if many else " ".join(f"{v:.4g}" for v in values)
-            lines.append(f"  {p.name:<8} {text}")
-        trunk = self.brdf.trunk
-        if trunk:
-            kind = "RGB factors" if trunk.channels == 3 else "factors"
-            sizes = "-".join(map(str, trunk.mlp.sizes))
-            own = f"codes of {trunk.rank} numbers times a shared basis" if trunk.basis else "numbers of its own"
-            lines.append(f"  {', '.join(trunk.slots)}: {kind}, read out of one trunk {sizes} by {own}")
-        for c in self.brdf.distilled:
-            kind = "RGB factors from a network of its own" if c.channels == 3 else "from a network"
-            lines.append(f"  {', '.join(c.slots)}: {kind} {'-'.join(map(str, c.sizes))} of {', '.join(c.inputs)}")
-        lines.append(
-            f"  {self.brdf.n_parameters} parameters ({self.n_bytes} bytes), {self.brdf.n_weights} shared weights, "
-            f"inputs: {self.brdf.inputs}"
-        )
-        if self.bound_energy:
-            lines.append("  energy: directional albedo at most 1")
-        undetermined = self.report.get("undetermined")
-        if undetermined and isinstance(undetermined, list):
-            lines.append(f"  not determined by the samples: {', '.join(_by_name(undetermined))}")
-        for key, value in self.report.items():
-            if isinstance(value, (int, float, str)):
-                lines.append(f"  {key}: {value:.6g}" if isinstance(value, float) else f"  {key}: {value}")
-        return "\n".join(lines)
+        return text.of_material(self)
 
     @property
     def n_bytes(self) -> int:
@@ -268,7 +233,7 @@ class Material(OldNames):
         >>> Material.analytic("ggx").edit(rho_s=0).evaluate([[0, 0, 1]], [[0, 0.6, 0.8]]).round(3)
         array([[0.159, 0.159, 0.159]], dtype=float32)
         """
-        view, light = _directions(wi, wo)
+        view, light = map(vector3f, direction_pairs(wi, wo, "Material.evaluate()"))
         params = self.as_drjit()
         dr.make_opaque(params)  # data: all materials of one network share a kernel
         f = self.brdf(view, light, params, fused(self.brdf.networks))
@@ -319,38 +284,6 @@ class Material(OldNames):
         return Material(**material_file.from_arrays(description, params, weights))
 
 
-def _directions(wi: np.ndarray, wo: np.ndarray) -> list[mi.Vector3f]:
-    """The directions as lanes, or an error before any kernel runs."""
-    arrays = {"wi": np.asarray(wi, np.float32), "wo": np.asarray(wo, np.float32)}
-    shapes = [w.shape for w in arrays.values()]
-    if shapes[0] != shapes[1] or len(shapes[0]) != 2 or shapes[0][1] != 3 or not shapes[0][0]:
-        raise ValueError(
-            f"Material.evaluate(): wi and wo have shapes {shapes[0]} and {shapes[1]}; both must be (N, 3)."
-        )
-    for key, w in arrays.items():
-        # as for measurements; NaN and infinity are not within it either
-        bad = ~(np.abs(np.linalg.norm(w.astype(np.float64), axis=1) - 1) <= UNIT_TOLERANCE)
-        if bad.any():
-            k = int(np.argmax(bad))
-            raise ValueError(
-                f"Material.evaluate(): {key}[{k}] is {w[k].tolist()}; it must have length 1. {int(bad.sum())} of "
-                f"{len(w)} directions are like this. Divide them by their length."
-            )
-    return [vector3f(w) for w in arrays.values()]
-
-
-def _by_name(components: list[str]) -> list[str]:
-    """Names of parameters, with the number of their components where there are several.
-
-    Examples
-    --------
-    >>> _by_name(["F0", "latent.03", "latent.07"])
-    ['F0', 'latent (2)']
-    """
-    counts = Counter(str(name).partition(".")[0] for name in components)
-    return [name if n == 1 else f"{name} ({n})" for name, n in counts.items()]
-
-
 def load_material(path: str | Path) -> Material:
     """Read a material or a network; the same as :meth:`Material.load`.
 
@@ -361,5 +294,6 @@ def load_material(path: str | Path) -> Material:
     return Material.load(path)
 
 
-def _roughnesses(params: Mapping[str, np.ndarray]) -> dict[str, float]:
+def roughnesses(params: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Return the numbers among parameter values that are roughnesses."""
     return {name: float(v[0]) for name, v in params.items() if name.startswith("alpha_")}
