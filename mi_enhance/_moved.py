@@ -57,7 +57,7 @@ MODULES = {
     "levenberg": "numerics.levenberg_marquardt",
     "losses": "fitting.losses",
     "maps": "material.material_maps",
-    "material": "material.material material.material_file",
+    "material": "material.material material.material_file material.description",
     "metrics": "evaluation.image_metrics output.srgb",
     "mixture": "sampling.mixture_fit",
     "model_file": "analytic.text_model.toml_model",

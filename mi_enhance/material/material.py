@@ -21,11 +21,12 @@ from ..sampling import energy_bound, lobe_mixture
 from ..sampling.lobe_mixture import Mixture
 from ..system.bundled_files import DEFAULT_NETWORK, network_file
 from ..system.checks import direction_pairs
-from . import low_rank as low_rank_forms
-from . import material_file, text
-from .low_rank import LowRank
+from . import material_file
+from .description import describe
+from .low_rank import LowRank, of_free, of_low_rank
 from .old_names import OldNames
 from .reports import SpecializeReport
+from .text import text_of
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,11 +87,10 @@ class Material(OldNames):
             "Give other processes the file: material.save(path) here, Material.load(path) there."
         )
 
-    def __copy__(self) -> Material:  # else the copy module would pickle
+    def __copy__(self, memo: dict | None = None) -> Material:  # else the copy module would pickle
         return self.edit()
 
-    def __deepcopy__(self, memo: dict) -> Material:
-        return self.edit()
+    __deepcopy__ = __copy__
 
     # ------------------------------------------------------------------ where they come from
 
@@ -112,7 +112,7 @@ class Material(OldNames):
             :mod:`mi_enhance.material.low_rank`: for texels, textures and photographs.
         """
         material = Material.load(network_file(name))
-        return low_rank_forms.of_low_rank(material, f'Material.pretrained("{name}")') if low_rank else material
+        return of_low_rank(material, f'Material.pretrained("{name}")') if low_rank else material
 
     # ------------------------------------------------------------------ what one does with them
 
@@ -160,7 +160,7 @@ class Material(OldNames):
     @property
     def free(self) -> Material:
         """The same material with a read-out of its own in place of a code; the same if it has no code."""
-        return low_rank_forms.of_free(self)
+        return of_free(self)
 
     @property
     def unspecialized(self) -> Material:
@@ -182,7 +182,7 @@ class Material(OldNames):
 
     def show(self) -> str:
         """A text: equation, parameters, report."""
-        return text.of_material(self)
+        return text_of(self)
 
     @property
     def n_bytes(self) -> int:
@@ -250,7 +250,7 @@ class Material(OldNames):
         """The dictionary that ``mi.load_dict`` takes, to be placed in a scene."""
         return {
             "type": "enhanced",
-            "description": json.dumps(material_file.describe(self)),
+            "description": json.dumps(describe(self)),
             "params": mi.Float(self.as_vector().astype(np.float32)),
             "weights": mi.Float(material_file.weights(self.brdf)),
         }

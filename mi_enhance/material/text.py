@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from .material import Material
 
 
-def of_material(material: Material) -> str:
+def text_of(material: Material) -> str:
     """Return equation, parameters and report."""
     brdf = material.brdf
     lines = [str(brdf)]

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from mi_enhance.data.directions import sample_pairs
+from mi_enhance.material.description import describe
 from mi_enhance.material.low_rank import LowRank, of_low_rank, with_basis
 from mi_enhance.material.material import Material
-from mi_enhance.material.material_file import _low_rank, describe
+from mi_enhance.material.material_file import _low_rank
 from mi_enhance.material.material_maps import MaterialMaps
 from mi_enhance.neural.enhance import with_trunk
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
