@@ -13,7 +13,7 @@ import sys
 import mitsuba as mi
 
 # Files with classes of the variant, in the order in which they need one another.
-_FILES = tuple(f"mi_enhance.bsdfs.{name}" for name in ("scene_parameters", "enhanced", "photographs"))
+_FILES = tuple(f"mi_enhance.bsdfs.{name}" for name in ("map_textures", "scene_parameters", "enhanced", "photographs"))
 
 
 def register(old: str | None = None, new: str | None = None) -> None:
@@ -38,7 +38,7 @@ def register(old: str | None = None, new: str | None = None) -> None:
         )
         return
     try:
-        _, plugin, photographs = (
+        *_, plugin, photographs = (
             importlib.reload(sys.modules[name]) if name in sys.modules else importlib.import_module(name)
             for name in _FILES
         )

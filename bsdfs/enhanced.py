@@ -109,8 +109,9 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from mi_enhance.bsdfs import scene_parameters
+from mi_enhance.bsdfs import properties
 from mi_enhance.bsdfs.compiled_form import CompiledForm, Form
+from mi_enhance.bsdfs.scene_parameters import SceneParameters
 
 from mi_enhance.analytic.models.model import Model
 from mi_enhance.sampling import energy_bound, importance, lobe_mixture
@@ -130,11 +131,11 @@ class Enhanced(mi.BSDF):
     def __init__(self, props: mi.Properties, reflectance: Callable | None = None):
         super().__init__(props)
         where = f'bsdf "enhanced" ("{self.id()}")'
-        self.m_material = scene_parameters.material_of(props)
+        self.m_material = properties.material_of(props)
         self.m_reflectance = reflectance
         brdf = self.m_material.brdf
-        self.m_compiled = CompiledForm(brdf, scene_parameters.evaluators_of(props))
-        self.m_parameters = scene_parameters.SceneParameters(props, self.m_material, where)
+        self.m_compiled = CompiledForm(brdf, properties.evaluators_of(props))
+        self.m_parameters = SceneParameters(props, self.m_material, where)
         self.m_energy = bool(props.get("energy", self.m_material.bound_energy))
         if self.m_energy:
             self.m_parameters.check_uniform(where)

@@ -12,50 +12,14 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from mi_enhance.bsdfs.map_textures import textures_of
 
 from mi_enhance.analytic import parameters
 from mi_enhance.analytic.parameters import Parameter
 from mi_enhance.material.material import Material
-from mi_enhance.material.material_maps import MaterialMaps
-from mi_enhance.neural import baked, cooperative
 
 # Wavelengths (nm) at which a textured spectrum is read as RGB for the networks: near the peaks of the sRGB primaries.
 _RGB_WAVELENGTHS = (611.0, 549.0, 465.0)
-_FILTERS = {"bilinear": dr.FilterMode.Linear, "nearest": dr.FilterMode.Nearest}
-_WRAPS = {"repeat": dr.WrapMode.Repeat, "mirror": dr.WrapMode.Mirror, "clamp": dr.WrapMode.Clamp}
-
-
-class LatentMap(mi.Texture):
-    """A bitmap of as many channels as there are latent numbers; Mitsuba's own has one or three."""
-
-    def __init__(self, data: mi.TensorXf, filter_type: str, wrap_mode: str, to_uv: mi.ScalarTransform3f):
-        super().__init__(mi.Properties())
-        # Not in texture memory, which a GPU has for up to four channels, and whose values have no gradients.
-        self.m_texture = mi.Texture2f(  # type: ignore[operator]
-            data, use_accel=False, migrate=False, filter_mode=_FILTERS[filter_type], wrap_mode=_WRAPS[wrap_mode]
-        )
-        self.m_to_uv = to_uv
-
-    def traverse(self, cb):
-        cb.put("data", self.m_texture.tensor(), mi.ParamFlags.Differentiable)
-        cb.put("to_uv", self.m_to_uv, mi.ParamFlags.NonDifferentiable)
-
-    def parameters_changed(self, keys=()):
-        self.m_texture.update_inplace()
-
-    def numbers(self, si: mi.SurfaceInteraction3f, active) -> list[mi.Float]:
-        """All of them at the hit point."""
-        m, (u, v) = self.m_to_uv.matrix, si.uv
-        uv = mi.Point2f(*(m[k, 0] * u + m[k, 1] * v + m[k, 2] for k in range(2)))
-        return list(self.m_texture.eval(uv, active))
-
-    def is_spatially_varying(self):
-        return True
-
-    def to_string(self):
-        return f"LatentMap[{self.m_texture.shape}]"
-
-
 # Materials whose read-outs are constants of a function of their own, which takes up to a second to compile; the rest of
 # the living share one.
 _MOST_LITERAL = 8
@@ -99,7 +63,7 @@ class SceneParameters:
         self._hidden = {n for n, p in self._parameters.items() if p.kind == "latent" or n.startswith("norm_")}
         self._hidden = self._hidden if material.brdf.distilled else set()
         self._colours = [p.name for p in material.brdf.parameters if p.is_colour]
-        self.values, self.textures, self.inside, self.spectra = {}, _maps(props, material), {}, {}
+        self.values, self.textures, self.inside, self.spectra = {}, textures_of(props, material), {}, {}
         self.literal, self._trunk = {}, material.brdf.trunk
         for p in material.brdf.parameters:
             self._read(props, p, material.params[p.name], where)
@@ -219,77 +183,6 @@ class SceneParameters:
         for name, v in params.items():
             if name not in self.spectra and dr.grad_enabled(v):
                 yield sum(v) if isinstance(v, (list, mi.Color3f)) else v
-
-
-def material_of(props: Any) -> Material:
-    """Return the material of a file, or of the arrays of ``Material.to_dict()``."""
-    return _reshaped(_given(props), props)
-
-
-def _reshaped(material: Material, props: Any) -> Material:
-    """Return the material with the roughnesses and F0 that a scene gives, as :meth:`Material.edit` sets them."""
-    if not material.factors_in_rgb:
-        return material
-    given = {}
-    for p in material.brdf.model.parameters:
-        if not p.is_colour and p.name not in parameters.FRAME and p.name in props:
-            value = props[p.name]
-            if isinstance(value, (int, float)) and p.low <= value <= p.high:  # what is wrong is told where it is read
-                given[p.name] = value
-    return material.edit(**given)
-
-
-def _given(props: Any) -> Material:
-    if "filename" in props:
-        if "weights" in props:
-            raise ValueError('bsdf "enhanced": give filename or weights, not both.')
-        return Material.load(str(mi.file_resolver().resolve(props["filename"])))  # type: ignore[operator]
-    if "description" not in props:
-        raise ValueError('bsdf "enhanced": the parameter "filename" is missing. Name a file made by mi-enhance fit.')
-    return Material.from_arrays(props["description"], props["params"], props["weights"])
-
-
-def evaluators_of(props: Any) -> type:
-    """Return the class that evaluates the networks: asked for, or the faster one of the backend."""
-    kinds = {"baked": baked.Baked, "cooperative": cooperative.Cooperative}
-    default = "cooperative" if dr.backend_v(mi.Float) == dr.JitBackend.CUDA else "baked"
-    return kinds[_choice(props, "evaluators", default, kinds)]
-
-
-def _maps(props: Any, material: Material) -> dict[str, Any]:
-    """Textures of the parameters that vary: from a file, or from the arrays of ``MaterialMaps.to_dict()``."""
-    if "maps" not in props:
-        return {}
-    if not mi.is_rgb:
-        raise ValueError(
-            f'bsdf "enhanced": maps hold linear RGB, which variant "{mi.variant()}" does not render. Use an rgb one.'
-        )
-    filter_type = _choice(props, "filter_type", "bilinear", _FILTERS)
-    wrap_mode = _choice(props, "wrap_mode", "repeat", _WRAPS)
-    # in the precision of a bitmap's own, which `mi.traverse` can assign to
-    to_uv = mi.ScalarTransform3f(props.get("to_uv", mi.ScalarTransform4f()).extract().matrix)
-    if isinstance(props["maps"], str):
-        maps = MaterialMaps.load(str(mi.file_resolver().resolve(props["maps"])), material)  # type: ignore[operator]
-    else:
-        maps = MaterialMaps.from_arrays(material, props["channels"], np.array(props["maps"]))
-    result: dict[str, Any] = {}
-    kinds = {p.name: p.kind for p in material.brdf.parameters}
-    for name, values in maps.maps.items():
-        data = mi.TensorXf(values)
-        if kinds[name] == "latent":
-            result[name] = LatentMap(data, filter_type, wrap_mode, to_uv)
-        else:
-            how = {"filter_type": filter_type, "wrap_mode": wrap_mode, "to_uv": to_uv}
-            result[name] = mi.load_dict({"type": "bitmap", "data": data, "raw": True, **how})
-    return result
-
-
-def _choice(props: Any, key: str, default: str, choices: Collection[str]) -> str:
-    """Return the property `key`, one of `choices`."""
-    name = props.get(key, default)
-    if name not in choices:
-        raise ValueError(f'bsdf "enhanced": {key} "{name}" is unknown. Choose one of: {", ".join(choices)}.')
-    return name
 
 
 def _rgb(texture: mi.Texture, si: mi.SurfaceInteraction3f, active) -> mi.Color3f:
