@@ -108,13 +108,12 @@ from collections.abc import Callable
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 from mi_enhance.bsdfs import properties
 from mi_enhance.bsdfs.compiled_form import CompiledForm, Form
+from mi_enhance.bsdfs.sampled_lobes import SampledLobes
 from mi_enhance.bsdfs.scene_parameters import SceneParameters
 
-from mi_enhance.analytic.models.model import Model
-from mi_enhance.sampling import energy_bound, importance, lobe_mixture
+from mi_enhance.sampling import energy_bound, importance
 
 
 class Enhanced(mi.BSDF):
@@ -139,13 +138,9 @@ class Enhanced(mi.BSDF):
         self.m_energy = bool(props.get("energy", self.m_material.bound_energy))
         if self.m_energy:
             self.m_parameters.check_uniform(where)
-        mixture = self.m_material.sampled_by
-        # Data, so that materials share the compiled function; a material without a mixture of its own has no factors.
-        self.m_scales = [dr.opaque(mi.Float, c) for c in mixture.scales] if self.m_material.mixture else None
-        self.m_albedos = mi.Float(np.ravel(mixture.albedos))
+        self.m_lobes = SampledLobes(self.m_material)
         # What a parameter without effect is multiplied by: data, for a literal 0 would take its gradient away.
-        self.m_zero = mi.Float(0)
-        dr.make_opaque(self.m_albedos, self.m_zero)
+        self.m_zero = dr.opaque(mi.Float, 0)
         varying = mi.BSDFFlags.SpatiallyVarying if self.m_parameters.textures else mi.BSDFFlags.Empty
         self.m_components = [
             mi.BSDFFlags.DiffuseReflection
@@ -183,11 +178,7 @@ class Enhanced(mi.BSDF):
         # Detached: `prb` hands gradients to the parameters themselves, never to what was computed from them before.
         constants = dr.detach(self.m_parameters.constants())
         self.m_compiled.fold(constants, self.m_parameters.textures)
-        self.m_shares = None
-        if self.m_scales is None and not self.m_parameters.textures:
-            params = {name: v for name, v in constants.items() if name not in left_out}
-            self.m_shares = lobe_mixture.shares_at(mi.Float(1), params, self.m_albedos, self.m_compiled.form.brdf.model)
-            dr.make_opaque(self.m_shares)
+        self.m_lobes.update(self.m_compiled.form, constants, self.m_parameters.textures)
         if self.m_energy:
             # a colour from a scene is a texture, too
             params = dr.detach(self.m_parameters.at(dr.zeros(mi.SurfaceInteraction3f), True))
@@ -239,19 +230,9 @@ class Enhanced(mi.BSDF):
         value += self._no_effect(everything)
         return dr.select(active, value * mi.Frame3f.cos_theta(wo), 0)
 
-    def _mixture(self, si, form, params) -> tuple[Model, list]:
-        """The model whose lobes are sampled, and their probabilities."""
-        model = form.brdf.model
-        shares = self.m_shares  # of the last update, unless what they are made of has changed since
-        if shares is None or form is not self.m_compiled.form or dr.grad_enabled(params):
-            shares = lobe_mixture.shares_at(si.wi.z, params, self.m_albedos, model)
-        if self.m_scales is not None:
-            model = lobe_mixture.scaled(model, list(enumerate(self.m_scales)))
-        return model, shares
-
     def _pdf(self, si, wo, prepared, active):
         form, params, *_ = prepared
-        model, shares = self._mixture(si, form, params)
+        model, shares = self.m_lobes.at(si, form, params)
         return dr.select(active, importance.pdf(si.wi, wo, params, shares, model), 0)
 
     def eval(self, ctx, si, wo, active=True):
@@ -272,7 +253,7 @@ class Enhanced(mi.BSDF):
         prepared = self._prepare(si, active)
         form, params, *_ = prepared
         bs = mi.BSDFSample3f()
-        model, shares = self._mixture(si, form, params)
+        model, shares = self.m_lobes.at(si, form, params)
         bs.wo = importance.sample(si.wi, params, shares, sample1, sample2, model)
         active &= mi.Frame3f.cos_theta(bs.wo) > 0
         bs.pdf = self._pdf(si, bs.wo, prepared, active)
