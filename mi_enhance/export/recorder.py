@@ -13,6 +13,7 @@ from typing import Any, Literal, Union
 
 import numpy as np
 
+from ..system.messages import shortened
 from .identities import NUMBERS, simplified
 
 Kind = Literal["float", "int", "bool"]
@@ -44,7 +45,9 @@ class Value:
         self.op, self.args, self.kind, self.varying, self.number = op, args, kind, varying, number
 
     def __repr__(self) -> str:
-        return f"{self.op}({', '.join(map(str, self.args))})"
+        # Operands by number: written out, what shares its parts is exponentially longer than its graph.
+        args = (f"%{a.number}" if isinstance(a, Value) else shortened(a) for a in self.args)
+        return f"%{self.number} = {self.op}({', '.join(args)})"
 
     def __bool__(self) -> bool:
         if self.op == "constant":

@@ -7,7 +7,7 @@ import pytest
 
 from mi_enhance import Material, terms
 from mi_enhance.export.program import record
-from mi_enhance.export.recorder import constant, in_order, power
+from mi_enhance.export.recorder import Table, constant, gather, in_order, power
 from mi_enhance.export.registry import exporter, exporters
 from mi_enhance.export.stand_ins import FUNCTIONS, recording
 from mi_enhance.export.statements import Language, Statements, number
@@ -36,6 +36,16 @@ def test_equal_operations_are_one_value(recorder):
     assert x * y + 1 is y * x + 1
     assert x - y is not y - x
     assert (x < y) is (y > x)
+
+
+def test_text_of_a_value_is_short(recorder):
+    """`pytest` writes the values of an assertion that fails: their text must not double with each operation."""
+    x = value = recorder.input("x", varying=True)
+    for _ in range(200):
+        value = value * value + 1
+    assert repr(x) == "%0 = input('x')"
+    assert repr(value - x) == f"%{value.number + 1} = sub(%{value.number}, %0)"
+    assert len(repr(gather(Table(range(1000)), x))) < 100
 
 
 def test_constants_are_worked_out_in_single_precision(recorder):
