@@ -163,7 +163,15 @@ def backward(variables, gradients) -> None:
 
 
 def _gradient(value, inputs: list, seed) -> list[mi.Float]:
-    """Return the derivatives of `value` with respect to `inputs`, lane by lane; the graph stays for the next call."""
+    """Return the derivatives of one or more values with respect to `inputs`, lane by lane; the graph stays for others.
+
+    Parameters
+    ----------
+    value : mi.Float or list of mi.Float
+    inputs : list of mi.Float
+    seed : mi.Float or list of mi.Float
+        What the derivatives of each value are multiplied by.
+    """
     dr.set_grad(value, seed)
     dr.enqueue(dr.ADMode.Backward, value)
     dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)

@@ -123,13 +123,8 @@ class TrunkObjective(Objective):
 
     def _through(self, units: list, leaves: list, gradient: np.ndarray) -> np.ndarray:
         """Return what a gradient of the units, (problems, K, samples), is for the parameters that the trunk sees."""
-        dr.set_grad(units, columns.lanes(gradient.transpose(1, 0, 2).reshape(len(units), -1)))
-        dr.enqueue(dr.ADMode.Backward, units)
-        dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)
-        result = dr.grad(leaves)
-        dr.clear_grad(leaves)
-        dr.clear_grad(units)
-        return self._matrix(columns.pack(result), len(result))
+        seed = columns.lanes(gradient.transpose(1, 0, 2).reshape(len(units), -1))
+        return self._matrix(columns.pack(_gradient(units, leaves, seed)), len(leaves))
 
 
 def _sums(direct, slopes, phi, value, smooth, *, curved: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:

@@ -203,14 +203,8 @@ class OwnProblem:
 
     def _through(self, features, leaves, dx: np.ndarray) -> np.ndarray:
         """Return the gradient of the parameters, (N, P), for that of the features, (N, inputs)."""
-        for v, seed in zip(features, columns.lanes(dx.T), strict=True):
-            if dr.grad_enabled(v):
-                dr.set_grad(v, seed)
-                dr.enqueue(dr.ADMode.Backward, v)
-        dr.traverse(dr.ADMode.Backward, flags=dr.ADFlag.ClearInterior)
-        result = dr.grad(leaves)
-        dr.clear_grad(leaves)
-        dr.clear_grad(features)
+        seeded = [(v, seed) for v, seed in zip(features, columns.lanes(dx.T), strict=True) if dr.grad_enabled(v)]
+        result = _gradient([v for v, _ in seeded], leaves, [seed for _, seed in seeded])
         return columns.matrix(columns.pack(result), len(result)).T
 
 
