@@ -18,8 +18,8 @@ from .material_prior import MaterialPrior
 from .scene_materials import SceneMaterial
 from .targets import Target
 
-# Renders that are compared have the same random numbers, so that few paths are enough.
-_SPP, _SEEDS = 16, 2
+# Renders that are compared have the same random numbers; with a quarter of the paths what is told differs tenfold.
+_SPP, _SEEDS = 64, 2
 _MEANT = 8  # renders whose mean tells how far the fit is from the photographs: their noise is no part of that
 _STEP, _LARGEST_STEP = 0.1, 0.1  # of a number: so much of its spread, and no more where its logarithm moves
 _MOST = 128  # numbers of one unknown: more are the texels of a map
@@ -148,9 +148,9 @@ def of_fit(
             parts = [np.nan_to_num((a - b)[counts] / step, posinf=0, neginf=0) for a, b in zip(seen, base, strict=True)]
         slopes[:, k] = parts
         progress(Progress("what the photographs tell", k + 1, len(numbers)))
-    told = np.matmul(slopes[0], slopes[1].T, dtype=np.float64)
+    told = _told(slopes)
     residual = float(np.abs(mean - truth)[counts].mean()) if counts.any() else 0.0
-    covariance = posterior((told + told.T) / 2, residual, before)
+    covariance = posterior(told, residual, before)
     std = np.sqrt(np.diag(covariance))
     slope = [n.space.slope(n.space.to_free(values[n.key][n.index : n.index + 1]))[0] for n in numbers]
     maps = {}
@@ -160,6 +160,25 @@ def of_fit(
             part = covariance[np.ix_(mine, mine)]
             maps[name] = _of_reflectance(one, one.read(descent.params), [(numbers[k], *moved[k]) for k in mine], part)
     return Uncertainty([n.name for n in numbers], std * np.array(slope), np.minimum(std / sigma, 1), maps)
+
+
+def _told(slopes: np.ndarray) -> np.ndarray:
+    """Return J^T J, positive semidefinite, of two J (2, P, pixels) with noise of their own: where only noise is, 0.
+
+    A number without effect has noise for a slope. Scaled by the size of that, not by what both J agree on, its products
+    with others are as small as they should be, and take nothing from what those are told.
+
+    Examples
+    --------
+    >>> _told(np.array([[[1, 2], [2e-3, -1e-3]], [[1, 2], [0, 0]]])).round(4)
+    array([[5., 0.],
+           [0., 0.]])
+    """
+    product = np.matmul(slopes[0], slopes[1].T, dtype=np.float64)
+    size = np.sqrt(np.square(slopes, dtype=np.float64).sum(2).mean(0))
+    size = np.where(size > 0, size, 1)
+    values, vectors = np.linalg.eigh((product + product.T) / 2 / np.outer(size, size))
+    return vectors * np.maximum(values, 0) @ vectors.T * np.outer(size, size)
 
 
 def _numbers(descent: Descent, placed: Mapping[str, SceneMaterial]) -> list[_Number]:
