@@ -10,6 +10,8 @@ from typing import Any, Literal
 import mitsuba as mi
 import numpy as np
 
+from ..system.messages import shortened
+
 Kind = Literal["scalar", "colour", "latent"]
 # From the least roughness of Mitsuba's own microfacet distribution to the widest lobe that makes sense.
 ROUGHNESS = (1e-4, 1.0)
@@ -209,7 +211,11 @@ def check(parameters: Sequence[Parameter], values: Mapping[str, Any], where: str
     for p in parameters:
         if p.name not in values:
             raise ValueError(f'{where}: parameter "{p.name}" is missing. Needed: {", ".join(names)}.')
-        v = np.atleast_1d(np.asarray(values[p.name], np.float64)).ravel()
+        try:
+            v = np.atleast_1d(np.asarray(values[p.name], np.float64)).ravel()
+        except (TypeError, ValueError):
+            got = shortened(values[p.name])
+            raise ValueError(f"{where}: {p.name} takes {p.size} number(s); got {got}.") from None
         if v.size not in (1, p.size):
             raise ValueError(f"{where}: {p.name} takes {p.size} number(s); got {v.size}.")
         v = np.broadcast_to(v, p.size)

@@ -23,6 +23,7 @@ from .photometric_surface import Seen, positive, surface, vector
 
 FILE = "photometric.json"
 _OF_ALL = ("camera", "normals", "positions", "sphere", "plane", "mesh", "mask_path", "encoding", "ceiling", "tangent")
+_OF_BOTH = ("light", "exposure_factor")  # an entry of a frame counts, else that of the file
 _OF_FRAME = ("file_path", "light", "exposure_factor", "split", "camera", "mask_path", "ceiling")
 _WHITE = 0.5
 _DIRECTIONAL = "directional"
@@ -72,9 +73,12 @@ class PhotometricFile:
         frames = self.content["frames"]
         if not isinstance(frames, list) or not frames or not all(isinstance(f, dict) for f in frames):
             raise ValueError(f"{self.where}: frames must be a list of objects; got {shortened(frames)}.")
-        _refuse_unknown(self.content, (*_OF_ALL, "frames"), self.where)
+        _refuse_unknown(self.content, (*_OF_ALL, *_OF_BOTH, "frames"), self.where)
         self.content.setdefault("camera", {"type": "orthographic"})
         self.tangent = vector({"tangent": [1, 0, 0], **self.content}, "tangent", self.where)
+        if not (length := np.linalg.norm(self.tangent)):
+            raise ValueError(f"{self.where}: tangent is [0, 0, 0], which points nowhere. Give another vector.")
+        self.tangent /= length
         if self.content.get("encoding", "file") not in ("file", "linear"):
             encoding = shortened(self.content["encoding"])
             raise ValueError(f'{self.where}: encoding is {encoding}; it must be "file" (what files say) or "linear".')
@@ -96,6 +100,7 @@ class PhotometricFile:
         _refuse_unknown(frame, _OF_FRAME, where)
         if not isinstance(frame.get("file_path"), str):
             raise ValueError(f"{where}: file_path is missing. It names the photograph.")
+        frame = {**{name: self.content.get(name) for name in _OF_BOTH}, **frame}
         if frame.get("light") is None:
             raise ValueError(f"{where}: light is missing. Each photograph needs the one light that it was taken in.")
         split = frame.get("split", "train")

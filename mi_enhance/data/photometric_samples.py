@@ -127,6 +127,9 @@ def photometric_texels(
     window = (slice(*(rows or (0, height))), slice(*(columns or (0, width))))
     if 0 in file.mask[window].shape:
         raise ValueError(f"{file.where}: the window of rows {rows} and columns {columns} holds no pixel.")
+    if factor > min(file.mask[window].shape):
+        sides = " x ".join(map(str, file.mask[window].shape[::-1]))
+        raise ValueError(f"{file.where}: factor is {factor}, more than the {sides} pixels have on a side.")
     found = []
     for frame in file.read(split):
         arrays = []

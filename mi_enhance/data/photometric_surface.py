@@ -238,10 +238,11 @@ def _pose(matrix: object, where: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         m = np.zeros((0, 4))
     rotation = m[:3, :3] if m.shape in ((4, 4), (3, 4)) else np.zeros((3, 3))
-    if not np.isfinite(m).all() or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:  # 1e-3: four digits
+    is_rigid = np.isfinite(m).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-3  # 1e-3: four digits
+    if not is_rigid or np.linalg.det(rotation) < 0 or np.abs(m[3:] - [0, 0, 0, 1]).max(initial=0) > 1e-3:
         raise ValueError(
-            f"{where}: transform_matrix must be 4 x 4 numbers, camera to world, a rotation and a translation; got "
-            f"{shortened(matrix)}."
+            f"{where}: transform_matrix must be 4 x 4 numbers, camera to world, a rotation and a translation, not "
+            f"mirrored; got {shortened(matrix)}."
         )
     return np.vstack([m[:3], [0, 0, 0, 1]])
 

@@ -169,11 +169,12 @@ def fit_images(
         prior,
     )
     names = list(book.numbers)
+    photographs = dict(zip(names, book.contents, strict=True))
     settings = {"loss": loss, "stages": [list(s) for s in stages], "lr": lr, "max_depth": int(max_depth), "seed": seed}
     settings |= {"pixels": pixels, "exposures": exposures}
     begins = digest(*(descent.values()[u.key].tobytes() for u in sought))
     places = [stable_names(descent)[u.key] for u in sought]
-    same = {**settings, "views": names, "light_scale": light_scale, "unknowns": places, "start": begins}
+    same = {**settings, "views": photographs, "light_scale": light_scale, "unknowns": places, "start": begins}
     schedule = Schedule(descent, book, stages, lr, same, Path(checkpoint) if checkpoint else None)
     if not schedule.resume():
         for text in visibility.warnings_of(descent, placed, book.looks, names, seed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -78,6 +79,12 @@ class Schedule:
         """Go on from the state on disk; return False if there is none."""
         kept = checkpoint.load(self.path, self.settings) if self.path else None
         if kept is None:
+            if self.path and self.path.exists():
+                warnings.warn(
+                    f"fit_images(): {self.path} is of a run with other settings or photographs, or is damaged. "
+                    "This fit begins anew.",
+                    stacklevel=3,
+                )
             return False
         about, arrays = kept
         keys = {name: key for key, name in stable_names(self.descent).items()}

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..data.lights import Light
+from ..system.files import digest
 from .image_loss import brightness
 from .targets import RandomPixels, Target
 from .views import View
@@ -27,6 +28,8 @@ class Survey:
     ----------
     numbers : dict of str to int
         Number of each photograph by its name, in the order in which they came.
+    contents : list of str
+        A digest of each photograph, by number: its pixels, camera, light and part.
     fitted : array of bool
         By number.
     lights : list of Light or None
@@ -44,6 +47,7 @@ class Survey:
     """
 
     numbers: dict[str, int]
+    contents: list[str]
     fitted: np.ndarray
     lights: list[Light | None]
     stages: list[RandomPixels]
@@ -81,6 +85,7 @@ def survey(views: Sequence[View], stages: Sequence[tuple[int, int, int]], n: int
     pools = [RandomPixels(n, steps + (extra if k == 0 else 0), n_train, rng) for k, (_, _, steps) in enumerate(stages)]
     looks = RandomPixels(n, math.ceil(_SEEN_PIXELS * n_train / n), n_train, rng)
     numbers: dict[str, int] = {}
+    contents: list[str] = []
     lights: list[Light | None] = []
     shown: list[tuple[View, tuple[int, int]]] = []
     empty: list[str] = []
@@ -88,6 +93,7 @@ def survey(views: Sequence[View], stages: Sequence[tuple[int, int, int]], n: int
     for k, view in enumerate(views):
         _check(view, numbers)
         numbers[view.name] = k
+        contents.append(_content(view))
         lights.append(view.light.in_world(view.to_world) if view.light else None)
         n_pixels += view.mask.size
         if splits[k] != "train":
@@ -109,6 +115,7 @@ def survey(views: Sequence[View], stages: Sequence[tuple[int, int, int]], n: int
     _check_lights(lights, list(numbers))
     return Survey(
         numbers,
+        contents,
         np.array([split == "train" for split in splits]),
         lights,
         pools,
@@ -117,6 +124,12 @@ def survey(views: Sequence[View], stages: Sequence[tuple[int, int, int]], n: int
         [view for view, _ in shown],
         math.ceil(math.sqrt(n_pixels / _JUDGED)),
     )
+
+
+def _content(view: View) -> str:
+    values = [getattr(view, field.name) for field in dataclasses.fields(view)]
+    parts = [np.ascontiguousarray(v) if isinstance(v, np.ndarray) else repr(v).encode() for v in values]
+    return digest(*parts)
 
 
 def _check(view: View, numbers: dict[str, int]) -> None:

@@ -25,7 +25,7 @@ from . import material_file
 from .description import describe
 from .low_rank import LowRank, of_free, of_low_rank
 from .old_names import OldNames
-from .reports import SpecializeReport
+from .reports import of_shared
 from .text import text_of
 
 
@@ -165,14 +165,13 @@ class Material(OldNames):
     @property
     def unspecialized(self) -> Material:
         """The material that a specialized one was made from; the same if it is not specialized."""
-        report = {key: value for key, value in self.report.items() if key not in SpecializeReport.__annotations__}
         params, reference = self.params, self.brdf.reference
         if self.exact_params:
             params, reference = self.exact_params, self.exact_reference
             reference = None if reference == roughnesses(params) else reference
         brdf = dataclasses.replace(self.brdf, distilled=(), reference=reference)
         return dataclasses.replace(
-            self, brdf=brdf, params=params, exact_params=None, exact_reference=None, report=report
+            self, brdf=brdf, params=params, exact_params=None, exact_reference=None, report=of_shared(self.report)
         )
 
     def _repr_html_(self) -> str:

@@ -121,6 +121,8 @@ class MaterialMaps:
         """
         import OpenEXR
 
+        if Path(path).suffix.lower() != ".exr":
+            raise ValueError(f'MaterialMaps.save(): "{path}" must end in .exr: maps are an OpenEXR file.')
         names, pixels = self._stacked()
         header = {
             "compression": OpenEXR.ZIP_COMPRESSION,

@@ -12,6 +12,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..data import load
+from ..data.photometric_file import FILE as PHOTOMETRIC
 from ..fitting.fit import fit
 from ..material import material_file
 from ..material.material import Material
@@ -22,7 +23,7 @@ from ..system.variants import require_rgb
 from ..system.workers import alone, run_all
 from .fit_best import fit_best
 
-_KEPT = ".fit"  # folder beside the results: settings, and the model that fits start from
+_KEPT = ".fit"  # folder beside the results: the settings of each, and the model that fits start from
 # A file that cannot be fitted must not lose those that can.
 _OF_A_FILE = (ValueError, KeyError, RuntimeError, OSError)
 
@@ -102,7 +103,8 @@ def fit_files(
     Raises
     ------
     ValueError
-        If no file is given, two would be written to one name, or `folder` holds fits with other settings.
+        If no file is given, two would be written to one name, or `folder` holds such a material that is of other
+        settings, or of no fit.
     FileNotFoundError
         If a file is missing.
     RuntimeError
@@ -125,7 +127,8 @@ def fit_files(
         "bound_energy": bound_energy,
         "seed": seed,
     }
-    keep_settings(folder / _KEPT / "settings.json", settings, "fit_files()", begun=any(o.exists() for o in outputs))
+    for output in outputs:
+        _check_own(output, settings)
     start = folder / _KEPT / "start.bsdf"
     material.save(start)
     del settings["model"]
@@ -140,7 +143,8 @@ def _outputs(files: Sequence[str | Path], folder: Path) -> list[Path]:
         raise ValueError("fit_files(): no files. Give at least one.")
     outputs: dict[Path, str | Path] = {}
     for file in files:
-        name = material_name(require_file(file, f'fit_files(): "{file}"'))
+        whole = require_file(file, f'fit_files(): "{file}"').absolute()
+        name = whole.parent.name if whole.name == PHOTOMETRIC else material_name(whole)
         path = folder / f"{name}.bsdf"
         if path in outputs:
             raise ValueError(f'fit_files(): "{outputs[path]}" and "{file}" would both be "{path.name}". Rename one.')
@@ -148,6 +152,17 @@ def _outputs(files: Sequence[str | Path], folder: Path) -> list[Path]:
             raise ValueError(f'fit_files(): "{file}" would be written over. Choose another folder.')
         outputs[path] = file
     return list(outputs)
+
+
+def _check_own(output: Path, settings: Mapping[str, Any]) -> None:
+    """Keep the settings of a fit, and refuse a material that is there and was not made with them."""
+    kept = output.parent / _KEPT / f"{output.stem}.json"
+    if output.exists() and not kept.exists():
+        raise ValueError(
+            f'fit_files(): "{output}" is there already, and is no fit of this command. Choose another folder, '
+            "or remove it."
+        )
+    keep_settings(kept, settings, "fit_files()", begun=output.exists())
 
 
 def _fit_file(start: str, variant: str, how: Mapping[str, Any], job: tuple[str, str]) -> FileFit:
@@ -171,5 +186,7 @@ def _fit(material: Material, file: str, how: dict[str, Any]) -> Material:
 
 
 def _is_newer(output: str, file: str) -> bool:
-    path = Path(output)
-    return path.exists() and path.stat().st_mtime >= Path(file).stat().st_mtime
+    path, read = Path(output), Path(file)
+    # the photographs that it names, too
+    files = [read, *read.parent.rglob("*")] if read.name == PHOTOMETRIC else [read]
+    return path.exists() and path.stat().st_mtime >= max(f.stat().st_mtime for f in files)

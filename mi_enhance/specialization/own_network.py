@@ -96,6 +96,11 @@ def own_network(
 
 def divided(measurements: Measurements, seed: int) -> tuple[Measurements, Measurements]:
     """Return measurements in random order in two parts: to learn, and a tenth, at most 8,192, to judge by."""
+    if len(measurements.f) < 10:
+        raise ValueError(
+            f"a network of its own needs at least 10 samples, of which a tenth judges it; got {len(measurements.f)}. "
+            "Take the shared network."
+        )
     order = np.random.default_rng(seed).permutation(len(measurements.f))
     n = min(_UNSEEN, len(order) // 10)
     m = measurements

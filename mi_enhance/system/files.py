@@ -64,6 +64,10 @@ def read_json(path: str | Path, where: str, needed: Iterable[str] = (), *, lines
 def replacing(path: str | Path) -> Iterator[str]:
     """Yield the name of a temporary file beside `path` that takes its place when the block ends without error."""
     path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(f'cannot write "{path}": this is a folder. Give the name of a file.')
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f'cannot write "{path}": there is no folder "{path.parent}". Make it first.')
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
     os.close(handle)
     try:

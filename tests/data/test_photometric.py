@@ -72,11 +72,16 @@ def photographed(folder, material, **more):
 
 
 def test_reflectance_of_a_sphere_is_what_it_was_painted_with(paint, tmp_path):
-    photographed(tmp_path, paint)
+    content = photographed(tmp_path, paint)
     m = data.photometric(tmp_path)
     assert (m.f > 0).all() and m.clamped_fraction == 0
     np.testing.assert_allclose(paint.evaluate(m.wi, m.wo), m.f, rtol=1e-4, atol=1e-6)  # float32, as normals are
     held_out = data.photometric(tmp_path, split="test")
+    one = {**content, "exposure_factor": 0.5}
+    for frame in one["frames"]:
+        del frame["exposure_factor"]
+    (tmp_path / "photometric.json").write_text(json.dumps(one))  # of all frames
+    assert (data.photometric(tmp_path).f == m.f).all()
     assert len(held_out.f) < len(m.f) and "1 photographs" in held_out.source
     assert len(data.load(tmp_path / "photometric.json", n_samples=100).f) == 100  # the command line's way
 
@@ -170,6 +175,8 @@ def test_texels_of_a_flat_sample(paint, tmp_path):
     assert not found.counts[3, 5, 0] and (found.f[3, 5, 0] == found.f[3, 5, 1]).all()
     window = data.photometric_texels(tmp_path, rows=(0, 12), columns=(4, 20), factor=2)
     assert window.f.shape == (6, 8, 3, 3)
+    with pytest.raises(ValueError, match=f"factor is {2 * SIZE}, more than"):
+        data.photometric_texels(tmp_path, factor=2 * SIZE)
     np.testing.assert_allclose(window.f[2, 1], found.f[4:6, 6:8].mean((0, 1)), rtol=2e-5)
 
 
@@ -202,6 +209,7 @@ def one(light=None, **entries):
     return {"frames": [{"file_path": "0.exr", **({"light": light} if light else {}), **entries}]}
 
 
+MIRRORED = [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 POINT = {"type": "point", "intensity": 1, "position": [0, 0, 1]}
 
 
@@ -217,6 +225,8 @@ POINT = {"type": "point", "intensity": 1, "position": [0, 0, 1]}
         ({"encoding": "srgb"}, 'must be "file"'),
         ({"noramls": 1}, 'unknown entry "noramls".*Did you mean "normals"'),
         ({"tangent": "x"}, "tangent is 'x'; it must be three numbers"),
+        ({"tangent": [0, 0, 0]}, "points nowhere"),
+        ({"camera": {"type": "perspective", "camera_angle_x": 0.7, "transform_matrix": MIRRORED}}, "not mirrored"),
         ({"ceiling": 1e-9}, "no pixel of 3 photographs counts"),
         (one(), "frame 0: light is missing"),
         (one({"type": "sun"}), "light has type 'sun'. Choose one of"),

@@ -221,7 +221,7 @@ def test_a_run_that_was_killed_goes_on_where_it_was(photographs, tmp_path):
     whole = fit_images(ball(MATTE.edit(rho_d=0.3)), photographs, **SHORT)
     import mi_enhance.images.schedule as schedule
 
-    every, schedule._KEEP_EVERY = schedule._KEEP_EVERY, 2.0
+    every, schedule._KEEP_EVERY = schedule._KEEP_EVERY, 0.0
     try:
         with pytest.raises(InterruptedError):
             fit_images(scene, photographs, progress=kill, **settings)
@@ -233,8 +233,11 @@ def test_a_run_that_was_killed_goes_on_where_it_was(photographs, tmp_path):
     assert len(again.curve) == len(whole.curve) and len([k for k in told if k]) < 40  # not from the beginning
     for key, value in whole.values.items():
         np.testing.assert_allclose(again.values[key], value, rtol=0.02)  # threads add samples in any order
-    other = fit_images(ball(MATTE.edit(rho_d=0.4)), photographs, **settings)
-    assert len(other.curve) == len(whole.curve)
+    retaken = [dataclasses.replace(photographs[0], image=0.5 * photographs[0].image), *photographs[1:]]
+    for rho_d, seen in ((0.4, photographs), (0.3, retaken)):
+        with pytest.warns(UserWarning, match="other settings or photographs"):
+            other = fit_images(ball(MATTE.edit(rho_d=rho_d)), seen, **settings)
+        assert len(other.curve) == len(whole.curve)
 
 
 def test_an_environment_map_is_the_light_of_all_photographs_or_of_none(llvm, tmp_path):

@@ -57,8 +57,19 @@ def test_what_is_finished_is_not_done_again_unless_its_file_changed(files, tmp_p
     fits = fit_files(start, files, folder, **HOW)
     after = [Path(f.output).stat().st_mtime_ns for f in fits]
     assert after[0] == before[0] and after[1] > before[1] and len(after) == 3
-    with pytest.raises(ValueError, match=r'settings.json" is of a run with other settings \(seed\)'):
+    with pytest.raises(ValueError, match=r'm0.json" is of a run with other settings \(seed\)'):
         fit_files(start, files, folder, n_samples=200, seed=4)
+
+
+def test_a_material_of_other_settings_or_of_no_fit_is_not_taken_for_a_result(files, tmp_path):
+    folder, start = tmp_path / "fits", me.Material.analytic("ggx")
+    fit_files(start, files[:1], folder, n_samples=200, seed=0)
+    fit_files(start, files[1:2], folder, n_samples=200, seed=7)
+    with pytest.raises(ValueError, match=r"other settings \(seed\)"):
+        fit_files(start, files, folder, n_samples=200, seed=7)
+    (folder / "m2.bsdf").write_bytes((folder / "m1.bsdf").read_bytes())
+    with pytest.raises(ValueError, match=r'm2.bsdf" is there already, and is no fit of this command'):
+        fit_files(start, files[1:], folder, n_samples=200, seed=7)
 
 
 def test_a_damaged_file_loses_nothing_else(files, tmp_path):
@@ -131,9 +142,9 @@ def test_a_killed_dask_worker_loses_nothing(files, tmp_path):
         pids = list(client.run(os.getpid).values())
 
         def kill(progress):
-            if progress.step == 0:  # all are under way, none is finished
+            if progress.step == 0 and pids:  # all are under way, none is finished; heard again while that is so
                 time.sleep(3)
-                os.kill(pids[0], signal.SIGKILL)
+                os.kill(pids.pop(), signal.SIGKILL)
 
         fits = fit_files(start, files, tmp_path / "two", **HOW, executor=client.get_executor(pure=False), progress=kill)
     assert not any(f.error for f in fits)

@@ -108,6 +108,7 @@ def test_best_is_chosen_on_samples_that_were_not_learned(llvm, tmp_path):
     shared = fit_best(network, truth(), own="never")
     wi, wo = sample_pairs(500, seed=5)
     np.testing.assert_allclose(back.evaluate(wi, wo), shared.evaluate(wi, wo), rtol=1e-4, atol=1e-6)
+    assert "chosen" not in back.report and back.report["log_l1"] == pytest.approx(shared.report["log_l1"], rel=1e-3)
     assert "asked for" in shared.report["chosen"] and not shared.brdf.distilled
 
 
@@ -116,9 +117,24 @@ def test_few_samples_keep_the_shared_network(llvm):
     network = Material(with_trunk("ggx2", hidden=(4, 4, 4)), {})
     few = Measurements(few.wi[:400], few.wo[:400], few.f[:400], "few", "made up")
     assert "400 samples" in fit_best(network, few).report["chosen"]
+    five = Measurements(few.wi[:5], few.wo[:5], few.f[:5], "five", "made up")
+    with pytest.raises(ValueError, match="at least 10 samples.*got 5"):
+        fit_best(network, five, own="always")
 
 
-@pytest.mark.parametrize(("arguments", "message"), [({"own": "big"}, "auto, always, never"), ({"size": 0}, "1 to 64")])
+@pytest.mark.slow
+def test_the_error_in_the_report_is_that_of_the_material(llvm):
+    """Also where a colour cannot take over all that its network says: f of a million."""
+    wi, wo = sample_pairs(400, seed=0)
+    bright = Measurements(wi, wo, np.full((400, 3), 1e6, np.float32), "bright", "made up")
+    m = fit_best(Material(with_trunk("ggx2", hidden=(4, 4, 4)), {}), bright, own="always", size=4)
+    assert m.report["log_l1"] == pytest.approx(log_l1(m.evaluate(wi, wo), bright.f, wo[:, 2]), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [({"own": "big"}, "auto, always, never"), ({"size": 0}, "1 to 64"), ({"size": 8.5}, "1 to 64")],
+)
 def test_wrong_arguments_say_what_is_allowed(llvm, arguments, message):
     with pytest.raises(ValueError, match=message):
         fit_best(start(), truth(), **arguments)
