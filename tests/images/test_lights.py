@@ -233,7 +233,7 @@ def test_a_run_that_was_killed_goes_on_where_it_was(photographs, tmp_path):
     assert len(again.curve) == len(whole.curve) and len([k for k in told if k]) < 40  # not from the beginning
     for key, value in whole.values.items():
         np.testing.assert_allclose(again.values[key], value, rtol=0.02)  # threads add samples in any order
-    retaken = [dataclasses.replace(photographs[0], image=0.5 * photographs[0].image), *photographs[1:]]
+    retaken = [dataclasses.replace(photographs[0], image=0.97 * photographs[0].image), *photographs[1:]]
     for rho_d, seen in ((0.4, photographs), (0.3, retaken)):
         with pytest.warns(UserWarning, match="other settings or photographs"):
             other = fit_images(ball(MATTE.edit(rho_d=rho_d)), seen, **settings)
