@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..material.material import Material
 
 Subparsers = Any  # argparse has no public name for what add_subparsers() returns
-MEASURED = "MERL .binary, RGL .bsdf, NBRDF or NPs .npz, table .csv or .npz"
+MEASURED = "MERL, RGL, UTIA, ALTA, ASTM, MIT, Zemax, LightTools, NBRDF or NPs file, table .csv or .npz (docs/files.md)"
 OUTPUT_RULE = (
     "A file to be written is always named with -o. A folder is out/COMMAND unless -o names another. "
     "show and check write nothing unless -o is given. No command writes over one of its inputs."

@@ -97,6 +97,9 @@ def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measur
     if rows.shape[1] < n_in + n_out:
         raise ValueError(f"{where}: rows have {rows.shape[1]} columns, #DIM asks for {n_in} + {n_out}.")
     finite(rows[:, : n_in + n_out], where, at)
+    largest = np.abs(rows[:, :n_in]).max()
+    if name != "CARTESIAN" and largest > 4 * np.pi:
+        raise ValueError(f"{where}: the largest angle is {largest:g}; ALTA's are in radians. Convert degrees first.")
     wi, wo = to_directions(*rows[:, :n_in].T)
     finite(np.hstack((wi, wo)), where, at)
     out = header.get("PARAM_OUT", "")

@@ -23,6 +23,7 @@ from .spectra import to_rgb
 from .words import read_lines
 
 _VARS = re.compile(r"^\s*VARS\s*[=:\s]\s*(.+)$", re.IGNORECASE)
+_POINTS = re.compile(r"^\s*NUM_POINTS\s*[=:\s]\s*(\d+)\s*$", re.IGNORECASE)
 _MOST_LINES = 1000  # before VARS
 
 
@@ -74,6 +75,9 @@ def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measur
         at.append(k)
     if not rows:
         raise ValueError(f"{where}: no numbers below VARS in line {first}.")
+    said = next((int(m[1]) for line in lines[:first] if (m := _POINTS.match(line))), len(rows))
+    if said != len(rows):
+        raise ValueError(f"{where}: NUM_POINTS says {said}, and there are {len(rows)} rows. Get the file again.")
     values = np.array(rows)
     finite(values, where, np.array(at))
     theta_i, phi_i, theta_s, phi_s = values[:, :4].T

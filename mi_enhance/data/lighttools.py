@@ -12,6 +12,7 @@ isotropic.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from .rows import from_rows
 from .spectra import to_rgb
 from .words import Words
 
+_AOI = re.compile(rb"^\s*AOI\b", re.MULTILINE)  # no comment
 _TRISTIMULUS = ("TrisX", "TrisY", "TrisZ")
 
 
@@ -31,7 +33,7 @@ _TRISTIMULUS = ("TrisX", "TrisY", "TrisZ")
     "lighttools",
     about="LightTools .bsdf",
     scattered=True,
-    knows=lambda head: b"ScatterRadial" in head and b"AOI" in head,
+    knows=lambda head: b"ScatterRadial" in head and bool(_AOI.search(head)),
 )
 def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measurements:
     """Return the measured pairs of directions.
@@ -67,7 +69,7 @@ def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measur
             words.choice(("Asymmetric", "Asymmetrical"), word)
         elif word == "SpectralContent":
             words.choice(("Monochrome", "XYZ"), word)
-        word = words.next("DataBegin")
+        word = words.keyword("DataBegin")
     if len(lists) < 2:
         raise ValueError(f"{where}: ScatterAzimuth and ScatterRadial must stand before DataBegin.")
     blocks = _blocks(words, len(lists["ScatterAzimuth"]) * len(lists["ScatterRadial"]))
@@ -97,8 +99,8 @@ def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measur
 def _blocks(words: Words, n: int) -> dict[tuple[float, float], dict[str, np.ndarray]]:
     """Return the values of each incidence (AOI, POI), by channel."""
     result: dict[tuple[float, float], dict[str, np.ndarray]] = {}
-    now = _empty()
-    while (word := words.next("DataEnd")) != "DataEnd":
+    now, named = _empty(), None
+    while (word := words.keyword("DataEnd")) != "DataEnd":
         if word in ("AOI", "POI", "Wavelength"):
             now[word] = words.number(word)
         elif word == "Side":
@@ -108,14 +110,27 @@ def _blocks(words: Words, n: int) -> dict[tuple[float, float], dict[str, np.ndar
         elif word == "TristimulusValue":
             now["channel"] = words.choice(_TRISTIMULUS, word)
         elif word == "TIS":
+            given = {name for name in ("AOI", "POI", "Side") if now[name] is not None}
+            named = given if named is None else named
+            if given != named or "AOI" not in given:
+                raise ValueError(
+                    f"{words.where}: line {words.line} ends the entries of a block; each must have an AOI, and those "
+                    f"of AOI, POI, Side that others have ({', '.join(sorted(named)) or 'none'}); it has "
+                    f"{', '.join(sorted(given)) or 'none'}."
+                )
             words.number("the total scatter")
             values = words.numbers(n, "a value")
-            if (now["Side"], now["ScatterType"]) == ("Front", "BRDF"):
+            if (now["Side"] or "Front", now["ScatterType"]) == ("Front", "BRDF"):
                 channel = now["channel"] or f"{now['Wavelength']:g}nm"
-                result.setdefault((now["AOI"], now["POI"]), {})[channel] = values
+                block = result.setdefault((now["AOI"], now["POI"] or 0.0), {})
+                if channel in block:
+                    raise ValueError(
+                        f"{words.where}: line {words.line} ends a block that stood there before ({channel})."
+                    )
+                block[channel] = values
             now = _empty()
     return result
 
 
 def _empty() -> dict:
-    return {"AOI": 0.0, "POI": 0.0, "Wavelength": 0.0, "Side": "Front", "ScatterType": "BRDF", "channel": ""}
+    return {"AOI": None, "POI": None, "Wavelength": 0.0, "Side": None, "ScatterType": "BRDF", "channel": ""}

@@ -11,7 +11,7 @@ from ..system.messages import did_you_mean
 from .measurements import Measurements
 from .registry import Reader, readers
 
-_HEAD = 4096  # bytes by which a reader may know its files
+_HEAD = 1 << 16  # bytes by which a reader may know its files
 
 
 def load(

@@ -47,6 +47,18 @@ class Words:
             raise ValueError(f"{self.where}: the file ends where {wanted} should be. It is cut off; get it again.")
         return word
 
+    def keyword(self, wanted: str) -> str:
+        """Return the next word; a number there belongs to a list that is longer than it says."""
+        word = self.next(wanted)
+        try:
+            float(word)
+        except ValueError:
+            return word
+        raise ValueError(
+            f"{self.where}: line {self.line} has the number {shortened(word)} where {wanted} should be: there are more "
+            "numbers than the file says. Correct the count before them, or get the file again."
+        )
+
     def number(self, wanted: str) -> float:
         """Return the next word as a finite number."""
         word = self.next(wanted)

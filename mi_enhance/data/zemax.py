@@ -68,7 +68,7 @@ def read(path: str | Path, *, n_samples: int = 100_000, seed: int = 0) -> Measur
             said[word] = words.choice(kinds[word], word)
         elif word in _LISTS:
             lists[word] = words.counted(word)
-        word = words.next("Monochrome or TristimulusX")
+        word = words.keyword("Monochrome or TristimulusX")
     if said.get("ScatterType", "BRDF") != "BRDF":
         raise ValueError(f"{where}: the file holds transmission (BTDF); this package reads reflection.")
     channels = _CONTENTS[said.get("SpectralContent", "Monochrome")]
@@ -125,4 +125,4 @@ def directions(
 def _until(words: Words, word: str, wanted: str) -> None:
     """Skip words up to and with `wanted`."""
     while word != wanted:
-        word = words.next(wanted)
+        word = words.keyword(wanted)

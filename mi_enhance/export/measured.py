@@ -118,7 +118,8 @@ def write_csv(
     Returns
     -------
     dict
-        ``bytes``, ``n_samples`` and, of a measured file, ``name`` and ``clamped_fraction``.
+        ``bytes``, ``n_samples`` and, of a measured file, ``name``, ``source`` (what the reader noted) and
+        ``clamped_fraction``.
 
     Examples
     --------
@@ -135,6 +136,7 @@ def write_csv(
     return {
         "bytes": Path(path).stat().st_size,
         "name": m.name,
+        "source": m.source,
         "n_samples": len(m.f),
         "clamped_fraction": m.clamped_fraction,
     }

@@ -12,6 +12,7 @@ from other_formats import (
     smooth,
     write_alta,
     write_astm,
+    write_lighttools,
     write_mit,
     write_rgl,
     write_utia,
@@ -247,13 +248,59 @@ def test_zemax_specular_direction_and_horizon(tmp_path):
         ("PlaneSymmetrical", "Spherical", "says Symmetry is 'Spherical'; known are PlaneSymmetrical"),
         ("TIS 0.5", "TIS x", "has 'x' where the total scatter should be"),
         ("DataEnd", "", "the file ends where DataEnd should be"),
+        ("ScatterRadial  6", "ScatterRadial  5", "has the number '80' where .* there are more numbers"),
     ],
 )
 def test_zemax_refuses(tmp_path, old, new, message):
     path = tmp_path / "vinyl.bsdf"
     write_zemax(path)
+    assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(ValueError, match=message):
+        data.load(path)
+
+
+def test_a_comment_makes_no_other_format_of_a_zemax_file(tmp_path):
+    path = tmp_path / "vinyl.bsdf"
+    write_zemax(path)
+    before = data.load(path)
+    path.write_text("# AOI: angle of incidence" + 5000 * " " + "\n" + path.read_text())
+    assert "Zemax" in data.load(path).source and (data.load(path).f == before.f).all()
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("AOI 30", "", "each must have an AOI"),
+        ("Side Back", "", "that others have"),
+        ("AOI 30", "AOI 0", "a block that stood there before"),
+        ("ScatterRadial 5", "ScatterRadial 4", "there are more numbers"),
+    ],
+)
+def test_lighttools_refuses(tmp_path, old, new, message):
+    path = tmp_path / "paint.bsdf"
+    write_lighttools(path)
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(ValueError, match=message):
+        data.load(path)
+
+
+def test_astm_with_fewer_rows_than_it_says_is_cut_off(tmp_path):
+    path = tmp_path / "garnet.astm"
+    write_astm(path)
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
+    with pytest.raises(ValueError, match="NUM_POINTS says 45, and there are 44 rows"):
+        data.load(path)
+
+
+def test_alta_in_degrees_is_refused(tmp_path):
+    path = tmp_path / "tape.dat"
+    write_alta(path)
+    lines = path.read_text().splitlines()
+    rows = [line if line.startswith("#") else "57 " + line.split(maxsplit=1)[1] for line in lines]
+    path.write_text("\n".join(rows) + "\n")
+    with pytest.raises(ValueError, match="the largest angle is 57; ALTA's are in radians"):
         data.load(path)
 
 
