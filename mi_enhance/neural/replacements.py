@@ -93,14 +93,28 @@ def operator(evaluator: Evaluator, bias: Sequence, a: Any, b: Any, limit: float)
 
 
 def as_learned(record: Mapping, node: Node, reference: Mapping[str, float]) -> Mapping:
-    """Return the record as the slot of `node` saw it at the roughnesses `reference`, before they were edited."""
+    """Return the record as the slot of `node` saw it at the roughnesses `reference`, before they were edited.
+
+    Viewer and light turn with the half vector: a narrow lobe holds only pairs that are almost mirror images, and
+    networks have learned no others in it.
+    """
     known = {name: mi.Float(v) for name, v in reference.items() if name in record}
     lobe, h = lobes.of_slot(node.name), record["h"]
     # Only terms of a lobe move with it, and only where it became wider (1): a narrower one holds no new angles.
     if lobe.alpha_x in known and any(n.startswith("alpha") for n in node.inputs):
         x, y = (c * dr.minimum(known[a] / record[a], 1) for c, a in ((h.x, lobe.alpha_x), (h.y, lobe.alpha_y)))
         h = mi.Vector3f(x, y, dr.safe_sqrt(1 - x * x - y * y))
+        wi, wo = (_turned(record[name], record["h"], h, record["cos_theta_d"]) for name in ("wi", "wo"))
+        cosines = {"cos_theta_i": wi.z, "cos_theta_o": wo.z, "cos_theta_h": h.z}
+        record = {**record, **cosines, "wi": wi, "wo": wo}
     return {**record, **known, "h": h}
+
+
+def _turned(v: mi.Vector3f, h: mi.Vector3f, to: mi.Vector3f, cos: mi.Float) -> mi.Vector3f:
+    """Return a direction at the cosine `cos` from h, turned as the shortest way takes h to `to`, above the horizon."""
+    middle = h + to
+    v = v - dr.dot(middle, v) / (1 + dr.dot(h, to)) * middle + 2 * cos * to
+    return mi.Vector3f(v.x, v.y, dr.maximum(v.z, 0))  # 0: rounding
 
 
 def _colour(v: Sequence[mi.Float], record: Mapping) -> Any:
