@@ -110,10 +110,10 @@ def as_learned(record: Mapping, node: Node, reference: Mapping[str, float]) -> M
     return {**record, **known, "h": h}
 
 
-def _turned(v: mi.Vector3f, h: mi.Vector3f, to: mi.Vector3f, cos: mi.Float) -> mi.Vector3f:
+def _turned(v: Any, h: Any, to: Any, cos: Any) -> Any:
     """Return a direction at the cosine `cos` from h, turned as the shortest way takes h to `to`, above the horizon."""
     middle = h + to
-    v = v - dr.dot(middle, v) / (1 + dr.dot(h, to)) * middle + 2 * cos * to
+    v = v - middle * (dr.dot(middle, v) / (1 + dr.dot(h, to))) + to * (2 * cos)
     return mi.Vector3f(v.x, v.y, dr.maximum(v.z, 0))  # 0: rounding
 
 

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from mi_enhance.analytic import parameters
+from mi_enhance.analytic.geometry import quantities
 from mi_enhance.data.directions import sample_pairs
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import first_latent, trunk_start, with_trunk
 from mi_enhance.neural.enhanced_brdf import EnhancedBRDF
 from mi_enhance.neural.inputs import named, names_of
+from mi_enhance.neural.replacements import as_learned
 from mi_enhance.numerics.arrays import vector3f
 
 N = 3000
@@ -88,6 +90,23 @@ def test_file_and_plugin_give_the_same(llvm, tmp_path):
     si.wi = vector3f(wi)
     f = np.array(bsdf.eval(mi.BSDFContext(), si, vector3f(wo))).T
     np.testing.assert_allclose(f, m.evaluate(wi, wo) * wo[:, 2:], rtol=2e-4, atol=1e-6)
+
+
+def test_an_edited_lobe_is_seen_as_pairs_that_were_learned(llvm):
+    """Half vectors go back into the narrow lobe, and viewer and light with them, at the same difference angle."""
+    wi, wo = (vector3f(v) for v in sample_pairs(N, seed=3, min_cos=0.05))
+    record = {**quantities(wi, wo), "alpha_x": mi.Float(0.2), "alpha_y": mi.Float(0.4)}
+    node = material().brdf.model.graph.find("G")
+    seen = as_learned(record, node, {"alpha_x": 0.01, "alpha_y": 0.01})
+    back = {k: np.array(v, np.float64) for k, v in quantities(seen["wi"], seen["wo"]).items()}
+    h, at = np.array(record["h"], np.float64), np.array(seen["h"], np.float64)
+    np.testing.assert_allclose(at[:2], h[:2] * [[0.05], [0.025]], rtol=1e-5)
+    inside = (np.array(seen["wi"])[2] > 0) & (np.array(seen["wo"])[2] > 0)
+    assert inside.mean() > 0.95
+    np.testing.assert_allclose(back["h"][:, inside], at[:, inside], atol=1e-5)
+    np.testing.assert_allclose(back["cos_theta_d"], np.array(record["cos_theta_d"]), atol=1e-5)
+    for name in ("cos_theta_i", "cos_theta_o"):
+        np.testing.assert_allclose(np.array(seen[name]), back[name], atol=1e-5)
 
 
 def test_a_lobe_without_colour_is_left_out(llvm):
