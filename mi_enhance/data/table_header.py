@@ -30,9 +30,7 @@ _UNITS = {
     **dict.fromkeys((*RGB, *GREY), dict.fromkeys(("1/sr", "sr^-1", "sr-1", "sr**-1", "sr⁻¹"), _PER_SR)),
     **dict.fromkeys(VECTORS, dict.fromkeys(("1", "-", "none"), _NONE)),
 }  # fmt: skip
-_SPECTRAL = re.compile(
-    r"f[_ ]?(\d{1,5}(?:\.\d+)?)\s*(?:nm|\[nm\]|\(nm\))(?:\s*[\[(]\s*(?:1/sr|sr\^-1|sr-1)\s*[\])])?", re.IGNORECASE
-)
+_SPECTRAL = re.compile(r"(?i)f[_ ]?(\d{1,5}(?:\.\d+)?)\s*(?:nm|\[nm\]|\(nm\))(?:\s*[\[(]\s*(?:1/sr|sr\^?-1)\s*[\])])?")
 _LONGEST_FIRST = sorted(_UNITS, key=len, reverse=True)  # f_r before f
 _SEPARATORS = (";", "\t", ",", None)  # None: any white space; last, as it stands beside the others, too
 _COMMENT = re.compile(r"^\s*(?:#|%|//|sep=)")  # sep=: a line for Excel

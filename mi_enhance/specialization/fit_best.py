@@ -62,7 +62,7 @@ def fit_best(
         raise ValueError(f'fit_best(): own "{own}" is unknown. Choose one of: auto, always, never.')
     if size not in range(1, 65):
         raise ValueError(f"fit_best(): size must be in 1 to 64 hidden units; got {size}.")
-    if own == "always":
+    if own == "always" and material.brdf.trunk:
         divided(measurements, seed)  # an error comes before the shared fit
     start = time.perf_counter()
     shared = fit(material, measurements, reciprocal=reciprocal, seed=seed, progress=progress)
