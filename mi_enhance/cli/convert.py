@@ -15,7 +15,9 @@ _TABLES = (".csv", ".npz")
 def add(subparsers: arguments.Subparsers) -> None:
     p = arguments.command(subparsers, "convert", "write measurements of any readable kind as another kind", run)
     arguments.add_measurements(p)
-    arguments.add_samples(p)
+    help_ = "pairs of directions of a .csv or .npz (default: all of a table, 100,000 of another kind)"
+    p.add_argument("--samples", type=arguments.positive, help=help_)
+    arguments.add_seed(p)
     arguments.add_variant(p)
     arguments.add_output_file(p, "FILE", "RGL .bsdf, MERL .binary, or a table .csv or .npz")
 

@@ -99,7 +99,7 @@ def is_scattered(path: str | Path) -> bool:
     >>> is_scattered("mi_enhance/bundled/nbrdf/merl.npz")
     False
     """
-    where = f'data.is_scattered("{path}")'
+    where = f'data.load("{path}")'  # who asks this loads it next
     return recognized(files.require_file(path, where), where).scattered
 
 

@@ -17,9 +17,10 @@ import numpy as np
 from ..system.files import read_json
 from ..system.messages import did_you_mean, shortened
 from .directions import MIN_COS
+from .entries import positive, vector
 from .image_files.photograph import read_photograph
 from .lights import Light, read_light
-from .photometric_surface import Seen, positive, surface, vector
+from .photometric_surface import Seen, surface
 
 FILE = "photometric.json"
 _OF_ALL = ("camera", "normals", "positions", "sphere", "plane", "mesh", "mask_path", "encoding", "ceiling", "tangent")

@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..system.files import require_file
 from ..system.messages import did_you_mean, shortened
+from .entries import Entries, pose, positive, vector
 from .image_files.photograph import read_photograph
 
 _RAY_OFFSET = 1e-4  # of the size of a mesh: where a shadow ray starts, above rounding of its own triangle
@@ -22,8 +23,6 @@ _CAMERAS = {
     "perspective": ("camera_angle_x", "fl_x", "cx", "cy", "transform_matrix"),
     "rectified": ("position",),
 }
-
-Entries = Mapping[str, Any]
 
 
 class Seen(NamedTuple):
@@ -175,7 +174,7 @@ def _rays(camera: Entries, size: tuple[int, int], where: str) -> tuple[np.ndarra
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     to_world = np.eye(4)
     if camera.get("transform_matrix") is not None:
-        to_world = _pose(camera["transform_matrix"], where)
+        to_world = pose(camera["transform_matrix"], where)
     if camera["type"] == "orthographic":
         pixel = positive(camera, "width", where) / width if camera.get("width") is not None else 2.0 / width
         plane = np.stack([(x - width / 2) * pixel, (height / 2 - y) * pixel, np.zeros_like(x)], -1)
@@ -230,37 +229,3 @@ def _object(content: Entries, name: str, needed: tuple[str, ...], where: str) ->
     if not isinstance(value, Mapping) or set(value) != set(needed):
         raise ValueError(f"{where}: {name} must be an object with {' and '.join(needed)}; got {shortened(value)}.")
     return value
-
-
-def _pose(matrix: object, where: str) -> np.ndarray:
-    try:
-        m = np.array(matrix, np.float64).reshape(-1, 4)
-    except (TypeError, ValueError, OverflowError):
-        m = np.zeros((0, 4))
-    rotation = m[:3, :3] if m.shape in ((4, 4), (3, 4)) else np.zeros((3, 3))
-    is_rigid = np.isfinite(m).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-3  # 1e-3: four digits
-    if not is_rigid or np.linalg.det(rotation) < 0 or np.abs(m[3:] - [0, 0, 0, 1]).max(initial=0) > 1e-3:
-        raise ValueError(
-            f"{where}: transform_matrix must be 4 x 4 numbers, camera to world, a rotation and a translation, not "
-            f"mirrored; got {shortened(matrix)}."
-        )
-    return np.vstack([m[:3], [0, 0, 0, 1]])
-
-
-def positive(entry: Entries, name: str, where: str) -> float:
-    """Return a number that must be above 0."""
-    value = entry.get(name)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e15:
-        raise ValueError(f"{where}: {name} is {shortened(value)}; it must be a number above 0.")
-    return float(value)
-
-
-def vector(entry: Entries, name: str, where: str) -> np.ndarray:
-    """Return three numbers."""
-    try:
-        v = np.array(entry.get(name), np.float64)
-    except (TypeError, ValueError, OverflowError):
-        v = np.full(1, np.nan)
-    if v.shape != (3,) or not np.isfinite(v).all():
-        raise ValueError(f"{where}: {name} is {shortened(entry.get(name))}; it must be three numbers.")
-    return v

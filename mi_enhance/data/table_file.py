@@ -8,10 +8,10 @@ Text: one line of column names, one row per sample, columns in any order:
   wavelengths in nm, ``f_450nm, f_550nm, ...``, which become linear RGB (``spectra.py``).
 
 Other columns are ignored, and `source` names them. Units may stand behind the names or in a line below:
-``theta_i_deg``, ``phi_o [rad]``, ``f (1/sr)``. Angles are in degrees if a name says so, or a comment ("angles in
-degrees"). Columns are separated by commas, semicolons, tabs or spaces; numbers may have decimal commas where no comma
-separates them. Lines that are empty or begin with ``#``, ``%`` or ``//`` are comments; a header may be one. UTF-8 or
-UTF-16.
+``theta_i_deg``, ``phi_o [rad]``, ``f (1/sr)``; of all angles or of none. Angles are in degrees if their names say so,
+or a comment ("angles in degrees"). Columns are separated by commas, semicolons, tabs or spaces; numbers may have
+decimal commas where no comma separates them. Lines that are empty or begin with ``#``, ``%`` or ``//`` are comments; a
+header may be one. UTF-8 or UTF-16.
 
 NPZ: the arrays ``wi`` (N, 3), ``wo`` (N, 3), ``f`` (N, 3), or (N,) for grey, or (N, W) beside ``wavelengths`` (W,).
 
@@ -138,6 +138,11 @@ def _radians(table: TextTable, where: str) -> dict[str, np.ndarray]:
     for name in ANGLES:
         values, header = table.columns[name], table.header
         said = header.units.get(name, "deg" if header.comments_say_degrees else "")
+        if not said and any(n in header.units for n in ANGLES):
+            raise ValueError(
+                f"{where}: column {name} names no unit, and other angles do. Name the unit of each: theta_i_deg or "
+                "theta_i_rad, and so on."
+            )
         # A polar angle ends at pi. Azimuths may be written on beyond a turn, but not far.
         turn = 360 if said == "deg" else 2 * np.pi
         most = turn / 2 if name.startswith("theta") else 2 * turn

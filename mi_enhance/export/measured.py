@@ -5,6 +5,7 @@ Each states its error: what the file gives, read by this package's own readers, 
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from .registry import exporter
 
 _PAIRS = 50_000  # that errors are measured on
 _STEEP = np.cos(np.deg2rad(80))  # beyond, measurements are extrapolated; errors are stated without it, too
+_SAMPLES = 100_000  # rows of a table where nobody says how many
 _ASIDE = 10  # one of so many rows of a table tells how well the others say it
 
 
@@ -102,9 +104,9 @@ def write_binary(source: Material | str | Path, path: str | Path, *, material: s
 
 @exporter(".csv", about="table of samples at random pairs of directions", measured=True)
 def write_csv(
-    source: Material | str | Path, path: str | Path, *, material: str = "", samples: int = 100_000, seed: int = 0
+    source: Material | str | Path, path: str | Path, *, material: str = "", samples: int | None = None, seed: int = 0
 ) -> dict[str, Any]:
-    """Write a table of samples, uniform in Rusinkiewicz angles.
+    """Write a table of samples: those of a table as they are, of another source uniform in Rusinkiewicz angles.
 
     Parameters
     ----------
@@ -112,8 +114,10 @@ def write_csv(
         As for `write_bsdf`.
     path : str or Path
         ``.csv`` or ``.npz``.
-    samples, seed : int
-        Number of rows, and what chooses them.
+    samples : int, optional
+        Number of rows; of a table at most so many. All rows of a table, 100,000 of another source, if left out.
+    seed : int
+        What chooses them.
 
     Returns
     -------
@@ -126,6 +130,9 @@ def write_csv(
     >>> write_csv(Material.analytic("ggx"), "grey.csv", samples=1000)["n_samples"]  # doctest: +SKIP
     1000
     """
+    if samples is None:
+        is_table = not isinstance(source, Material) and is_scattered(source)
+        samples = sys.maxsize if is_table else _SAMPLES
     samples = positive_int(samples, "samples", f'export("{path}")')
     if isinstance(source, Material):
         wi, wo = sample_pairs(samples, seed=seed)

@@ -11,11 +11,8 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from ..data.entries import Entries, number
 from ..system.messages import shortened
-
-Entries = Mapping[str, Any]
 
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE")
 # Numbers, or lists of them, that bend the picture: k1..k6 radial, p1..p4 tangential, s1..s4 and sx, sy thin prism, b1,
@@ -77,7 +74,6 @@ _SAME_FOR_ALL = """
     exposure exposure_time exposure_value ev shutter shutter_speed iso iso_speed aperture f_number fnumber gain
     white_balance
 """.split()
-_RIGID = 1e-3  # largest deviation from a rotation: files hold 4 to 7 digits
 _SQUARE = 2e-4  # relative difference of fl_x and fl_y that moves no pixel: half of one at the edge of 5,000
 _SHORTEST = 0.01  # focal length as a share of the width: less sees 179 degrees, and is in other units
 _AGREE = 0.02  # by how much two entries for one field of view may differ, relatively: more is a mistake
@@ -184,34 +180,6 @@ def merged(content: Entries, frame: Entries) -> dict[str, Any]:
     return {name: value for entries in (content, frame) for name, value in entries.items() if value is not None}
 
 
-def pose(matrix: object, where: str) -> np.ndarray:
-    """Return camera to world, 4 x 4, from 4 x 4 or 3 x 4 numbers, in rows or one after the other.
-
-    Raises
-    ------
-    ValueError
-        If it is no rotation and translation.
-    """
-    try:
-        m = np.array(matrix, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        m = np.zeros(0)
-    if m.shape in ((16,), (12,)):
-        m = m.reshape(-1, 4)
-    if m.shape == (3, 4):
-        m = np.vstack([m, [0, 0, 0, 1]])
-    if m.shape != (4, 4) or not np.isfinite(m).all() or np.abs(m).max() > 1e9:
-        raise ValueError(f"{where}: transform_matrix must be 4 x 4 numbers, camera to world; got {shortened(matrix)}.")
-    rotation = m[:3, :3]
-    error = max(np.abs(rotation @ rotation.T - np.eye(3)).max(), np.abs(m[3] - [0, 0, 0, 1]).max())
-    if error > _RIGID or np.linalg.det(rotation) < 0:
-        raise ValueError(
-            f"{where}: transform_matrix is not a rotation and a translation (off by {error:.2g}, determinant "
-            f"{np.linalg.det(rotation):.3g}). Take scale and mirroring out of it."
-        )
-    return m
-
-
 def _focal(entries: Entries, names: tuple[str, str, str], size: int, where: str) -> float:
     """Focal length in pixels along one side, 0 if nothing tells it."""
     length, degrees, radians = names
@@ -236,21 +204,6 @@ def _focal(entries: Entries, names: tuple[str, str, str], size: int, where: str)
         text = " and ".join(f"{name} ({value:.5g} pixels)" for name, value in found.items())
         raise ValueError(f"{where}: {text} are two different fields of view of {size} pixels. Correct one.")
     return lengths[0]
-
-
-def number(entries: Entries, key: str, default: float, where: str) -> float:
-    """Return an entry that must be a number.
-
-    Raises
-    ------
-    ValueError
-    """
-    value = entries.get(key)
-    if value is None:
-        return float(default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e15:
-        raise ValueError(f"{where}: {key} must be a number; got {shortened(value)}.")
-    return float(value)
 
 
 def _says_something(value: object) -> bool:

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ..data.entries import number, pose
 from ..data.image_files.photograph import Photograph, read_photograph, turned
 from ..data.lights import Light, read_light
 from ..system.messages import shortened
-from .camera_entries import check_camera, intrinsics, merged, number, pose
+from .camera_entries import check_camera, intrinsics, merged
 from .views import View
 
 _SUFFIXES = (".exr", ".png", ".jpg", ".jpeg")

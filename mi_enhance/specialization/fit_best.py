@@ -62,8 +62,9 @@ def fit_best(
         raise ValueError(f'fit_best(): own "{own}" is unknown. Choose one of: auto, always, never.')
     if size not in range(1, 65):
         raise ValueError(f"fit_best(): size must be in 1 to 64 hidden units; got {size}.")
+    parts = None
     if own == "always" and material.brdf.trunk:
-        divided(measurements, seed)  # an error comes before the shared fit
+        parts = divided(measurements, seed)  # an error comes before the shared fit
     start = time.perf_counter()
     shared = fit(material, measurements, reciprocal=reciprocal, seed=seed, progress=progress)
     n, coverage = len(measurements.f), library_prior.coverage(measurements.wi, measurements.wo)
@@ -77,7 +78,7 @@ def fit_best(
             f"one of its own is tried from {_MIN_SAMPLES} and {_MIN_COVERAGE:.0%}"
         )
     else:
-        seen, unseen = divided(measurements, seed)
+        seen, unseen = parts or divided(measurements, seed)
         error = log_l1(shared.evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
         found, own_error = own_network(
             shared, seen, unseen, (size, size), reciprocal=reciprocal, seed=seed, progress=progress

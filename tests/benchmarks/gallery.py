@@ -3,7 +3,7 @@
     python tests/benchmarks/gallery.py -o docs/images/gallery.png
 
 A row for each file of mi_enhance/bundled/rgl (or those given), all models fitted to the same samples; all maps share
-one scale. Seven files take ten minutes on two cores.
+one scale. Seven files take two minutes on two cores.
 """
 
 from __future__ import annotations

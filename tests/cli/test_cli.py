@@ -12,6 +12,7 @@ import pytest
 
 from mi_enhance.cli import arguments, demo, doctor
 from mi_enhance.cli.main import main
+from mi_enhance.data.directions import sample_pairs
 from mi_enhance.material.material import Material
 from mi_enhance.system import bundled_files, llvm
 
@@ -171,6 +172,15 @@ def test_convert_writes_a_table_that_can_be_read_again(tmp_path, capsys):
     assert main(["convert", str(output), "-o", str(tmp_path / "again.csv"), "--json"]) == 0
     report = last_json(capsys)
     assert (report["n_samples"], report["name"]) == (200, "orange")
+
+
+def test_convert_keeps_all_rows_of_a_table(tmp_path, capsys):
+    n = 100_001  # more than are drawn from what is no table
+    wi, wo = sample_pairs(n)
+    np.savez(tmp_path / "t.npz", wi=wi, wo=wo, f=np.arange(n) / n)
+    convert = ["convert", str(tmp_path / "t.npz"), "-o", str(tmp_path / "all.npz"), "--json"]
+    assert main(convert) == 0 and last_json(capsys)["n_samples"] == n
+    assert main([*convert, "--samples", "50"]) == 0 and last_json(capsys)["n_samples"] == 50
 
 
 def test_doctor_finds_that_rendering_works(capsys):

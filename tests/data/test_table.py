@@ -131,6 +131,24 @@ def test_exponents_of_fortran_and_rows_of_separators(tmp_path):
     np.testing.assert_allclose(m.wo[0, 0], np.sin(0.1), rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "f_450nm,f_550nm,f_650nm",
+        "f_450 nm (1/sr),f_550nm [1/sr],f_650nm(sr^-1)",
+        '"F 450 [nm]","F 550 [nm]","F 650 [nm]"',
+        "f450 (nm) [sr-1],f550 (nm) [sr-1],f650 (nm) [sr-1]",
+    ],
+)
+def test_headers_of_spectra_with_units(tmp_path, names):
+    """Three wavelengths and their order: red light is reflected most."""
+    (tmp_path / "t.csv").write_text(f"theta_i,phi_i,theta_o,phi_o,{names}\n0,0,0.5,0,0.1,0.2,0.6\n")
+    plain = tmp_path / "plain.csv"
+    plain.write_text("theta_i,phi_i,theta_o,phi_o,f_450nm,f_550nm,f_650nm\n0,0,0.5,0,0.1,0.2,0.6\n")
+    f = data.load(tmp_path / "t.csv").f[0]
+    assert f.tolist() == data.load(plain).f[0].tolist() and f[0] > f[1] > f[2]
+
+
 @pytest.mark.parametrize("suffix", [".txt", ".tsv"])
 def test_suffixes_of_tables(tmp_path, suffix):
     (tmp_path / f"t{suffix}").write_text(RAD.replace(",", "\t"))
@@ -145,7 +163,7 @@ IN_DEGREES = {
     "line of units": "theta_i;phi_i;theta_o;phi_o;f\ndeg;deg;deg;deg;\n" + DEGREES.replace(",", ";"),
     "comment": "# all angles in degrees\ntheta_i,phi_i,theta_o,phi_o,f\n" + DEGREES,
     "comment below": "theta_i,phi_i,theta_o,phi_o,f\n% theta, phi: deg\n" + DEGREES,
-    "one of each": f"theta_i_deg,phi_i_rad,theta_o_deg,phi_o,f\n30,{np.pi / 2},60,{-np.pi / 4},0.25\n",
+    "one of each": f"theta_i_deg,phi_i_rad,theta_o_deg,phi_o_rad,f\n30,{np.pi / 2},60,{-np.pi / 4},0.25\n",
 }
 
 
@@ -170,17 +188,18 @@ ANGLES = "theta_i,phi_i,theta_o,phi_o,f\n"
         ),
         (ANGLES + "0,0,0,270,1\n", r"phi_o in line 2 is 270.* no angle in radians"),
         (
-            "theta_i_deg,phi_i,theta_o,phi_o,f\n200,0,0,0,1\n",
+            "theta_i_deg,phi_i_deg,theta_o_deg,phi_o_deg,f\n200,0,0,0,1\n",
             "theta_i in line 2 is 200.* no angle in degrees, as the file",
         ),
         (
             "# angles in degrees\n" + ANGLES + "0.5,1,0.3,2,1\n",
             "a comment speaks of degrees, but all polar angles are at most 0.5",
         ),
+        ("theta_i_deg,phi_i,theta_o_deg,phi_o,f\n9,9,9,9,1\n", "column phi_i names no unit, and other angles do"),
         ("theta_i,phi_i,theta_o,phi_o,f [%]\n", "line 1: column f is in '%'; known units are 1/sr"),
         ("theta_i [grad],phi_i,theta_o,phi_o,f\n", "line 1: column theta_i is in 'grad'; known units are rad, "),
     ],
-    ids=["polar", "azimuth", "degrees", "comment", "percent", "gradians"],
+    ids=["polar", "azimuth", "degrees", "comment", "some", "percent", "gradians"],
 )
 def test_angles_in_another_unit_are_refused(tmp_path, text, message):
     (tmp_path / "t.csv").write_text(text)
