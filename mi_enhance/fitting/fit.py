@@ -17,6 +17,7 @@ from ..neural.enhance import trunk_start
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..sampling import albedo
 from ..sampling.mixture_fit import fit_mixture
+from ..system.checks import instance_of
 from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import library_prior, multistart
@@ -94,6 +95,7 @@ def fit(
     >>> fit(Material.analytic("ggx"), m).report["log_l1"] < 1e-3
     True
     """
+    check_arguments(material, measurements, "fit()")
     if method not in METHODS:
         raise ValueError(f'fit(): method "{method}" is unknown. Choose one of: {", ".join(METHODS)}.')
     if reciprocal and material.brdf.networks and material.brdf.inputs == "directions":
@@ -159,6 +161,17 @@ def fit(
         mixture=fit_mixture(fitted.brdf, fitted.as_drjit()),
     )
     return with_bounded_energy(fitted, measurements) if bound_energy else fitted
+
+
+def check_material(material: Material, where: str) -> None:
+    """Raise a TypeError that begins with `where` unless it is a material."""
+    instance_of(material, Material, "material", where, 'Material.pretrained() or Material.analytic("ggx")')
+
+
+def check_arguments(material: Material, measurements: Measurements, where: str) -> None:
+    """Raise a TypeError that begins with `where` unless these are a material and measurements."""
+    check_material(material, where)
+    instance_of(measurements, Measurements, "measurements", where, "data.load(path)")
 
 
 def _search(

@@ -24,6 +24,7 @@ from ..system.progress import Callback, silent
 from ..system.variants import require_rgb
 from . import library_prior
 from .analytic_fit import analytic_starts
+from .fit import check_material
 from .multistart import Stage, nearest
 from .report import TexelReport
 from .texel_batches import TexelSamples, check
@@ -125,6 +126,8 @@ def fit_texels(
     ((1, 2), True)
     """
     require_rgb("fit_texels()")
+    check_material(material, "fit_texels()")
+    wi, wo, f = (np.asarray(a) for a in (wi, wo, f))
     shape = check("fit_texels()", wi, wo, f)
     if not smoothness >= 0 or not np.isfinite(smoothness):
         raise ValueError(f"fit_texels(): smoothness is {smoothness}; it must be a number >= 0.")

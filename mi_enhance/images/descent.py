@@ -162,7 +162,7 @@ class Descent:
         """
         key = function.__name__, shape, spp
         if key not in self._frozen:
-            self._frozen[key] = dr.freeze(function)
+            self._frozen[key] = _frozen(function)
         return self._frozen[key]
 
     def _trace_primal(self, scene, sensor, seed, spp: int):
@@ -259,3 +259,22 @@ class Descent:
     def settle(self) -> None:
         """Hand the values of the last step to the scene, without gradients."""
         self._update(attach=False)
+
+
+def _frozen(function: Callable) -> Callable:
+    """Return a function that ``dr.freeze`` records; what keeps it from that is told in the words of who uses it."""
+    recorded = dr.freeze(function)
+
+    def call(*args):
+        try:
+            return recorded(*args)
+        except RuntimeError as error:
+            if not str(error).startswith("record()"):
+                raise
+            raise RuntimeError(
+                "fit_images(): Dr.Jit cannot record the render. It compiles every BSDF that is alive in the process, "
+                "and one of this or another scene holds data that it does not find, such as a network in a class of "
+                "your own. Drop that scene and call gc.collect(), or fit in a process of its own."
+            ) from error
+
+    return call

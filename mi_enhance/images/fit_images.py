@@ -25,7 +25,7 @@ from .material_prior import MaterialPrior
 from .own_files import OwnFiles
 from .result import ImageFit, materials_of, result
 from .scene_materials import find
-from .schedule import TRIAL, Schedule, stable_names
+from .schedule import TRIAL, Schedule, contents, stable_names
 from .starts import START_SPP, SURVIVORS, ways
 from .survey import survey
 from .unknowns import Unknown
@@ -175,6 +175,7 @@ def fit_images(
     begins = digest(*(descent.values()[u.key].tobytes() for u in sought))
     places = [stable_names(descent)[u.key] for u in sought]
     same = {**settings, "views": photographs, "light_scale": light_scale, "unknowns": places, "start": begins}
+    same["scene"] = contents(mi.traverse(scene), [u.key for u in sought])
     schedule = Schedule(descent, book, stages, lr, same, Path(checkpoint) if checkpoint else None)
     if not schedule.resume():
         for text in visibility.warnings_of(descent, placed, book.looks, names, seed):

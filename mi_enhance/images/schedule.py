@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import mitsuba as mi
 import numpy as np
 
 from ..numerics.schedules import cosine_decay
+from ..system.files import digest
 from ..system.progress import Callback, Progress
 from . import checkpoint
 from .descent import Descent
@@ -42,6 +44,12 @@ def stable_names(descent: Descent) -> dict[str, str]:
     Mitsuba's keys of a shape without an id hold its address.
     """
     return {key: str(k) for k, key in enumerate(descent.params.keys())}
+
+
+def contents(params: mi.SceneParameters, sought: Container[str]) -> str:
+    """Return a digest of shapes, lights and materials of a scene, but for what is sought."""
+    values = [getattr(params[k], "matrix", params[k]) for k in params.keys() if k not in sought]  # noqa: SIM118
+    return digest(*(np.ascontiguousarray(np.array(v, np.float32)) for v in values))
 
 
 class Schedule:
@@ -81,8 +89,8 @@ class Schedule:
         if kept is None:
             if self.path and self.path.exists():
                 warnings.warn(
-                    f"fit_images(): {self.path} is of a run with other settings or photographs, or is damaged. "
-                    "This fit begins anew.",
+                    f"fit_images(): {self.path} is of a run with other settings, photographs or another scene, or is "
+                    "damaged. This fit begins anew.",
                     stacklevel=3,
                 )
             return False

@@ -8,7 +8,7 @@ from typing import Literal
 
 from ..data.measurements import Measurements
 from ..fitting import library_prior
-from ..fitting.fit import fit, with_bounded_energy
+from ..fitting.fit import check_arguments, fit, with_bounded_energy
 from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..system.progress import Callback, silent
@@ -58,6 +58,7 @@ def fit_best(
     --------
     >>> gold = fit_best(Material.pretrained(), measurements)  # doctest: +SKIP
     """
+    check_arguments(material, measurements, "fit_best()")
     if own not in ("auto", "always", "never"):
         raise ValueError(f'fit_best(): own "{own}" is unknown. Choose one of: auto, always, never.')
     if size not in range(1, 65):

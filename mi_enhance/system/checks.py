@@ -42,6 +42,26 @@ def positive_int(value: object, name: str, where: str) -> int:
     return int(value)
 
 
+def instance_of(value: object, kind: type, name: str, where: str, get_by: str) -> None:
+    """Raise unless `value` is of a class; `get_by` says how one gets such an object.
+
+    Raises
+    ------
+    TypeError
+
+    Examples
+    --------
+    >>> instance_of("0.5", float, "spp", "render()", "float(text)")
+    Traceback (most recent call last):
+    TypeError: render(): spp is '0.5', of type str; it must be a float. Get one by float(text).
+    """
+    if not isinstance(value, kind):
+        raise TypeError(
+            f"{where}: {name} is {shortened(value)}, of type {type(value).__name__}; it must be a {kind.__name__}. "
+            f"Get one by {get_by}."
+        )
+
+
 def unit_vectors(w: np.ndarray, name: str, where: str) -> None:
     """Raise unless all rows of `w`, (N, 3), have length 1; NaN and infinity have not.
 

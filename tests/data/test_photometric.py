@@ -226,7 +226,10 @@ POINT = {"type": "point", "intensity": 1, "position": [0, 0, 1]}
         ({"noramls": 1}, 'unknown entry "noramls".*Did you mean "normals"'),
         ({"tangent": "x"}, "tangent is 'x'; it must be three numbers"),
         ({"tangent": [0, 0, 0]}, "points nowhere"),
-        ({"camera": {"type": "perspective", "camera_angle_x": 0.7, "transform_matrix": MIRRORED}}, "Take scale and mirroring out"),
+        (
+            {"camera": {"type": "perspective", "camera_angle_x": 0.7, "transform_matrix": MIRRORED}},
+            "Take scale and mirroring out",
+        ),
         ({"ceiling": 1e-9}, "no pixel of 3 photographs counts"),
         (one(), "frame 0: light is missing"),
         (one({"type": "sun"}), "light has type 'sun'. Choose one of"),

@@ -12,6 +12,7 @@ from mi_enhance.data.measurements import Measurements, clamp_negative
 from mi_enhance.fitting.fit import fit
 from mi_enhance.material.material import Material
 from mi_enhance.neural.enhance import enhance
+from mi_enhance.specialization.fit_best import fit_best
 
 RECOVERED = 2e-4  # log-L1 of a fit to what the model can be: 1 % of what GGX leaves on measured materials
 SMALL = {"hidden": (8, 8), "n_latent": 4}  # kernels of a small network compile quickly; the code is the same
@@ -168,6 +169,14 @@ def test_rmsprop_improves_on_the_default_start_and_lm_on_rmsprop(llvm):
     )
     assert report["method"] == "rmsprop" and report["log_l1"] == report["log_l1_analytic"]
     assert fit(start, m).report["log_l1"] < report["log_l1"] < 0.9 * before
+
+
+@pytest.mark.parametrize("function", [fit, fit_best])
+def test_what_is_no_material_or_no_measurements_is_named(function):
+    with pytest.raises(TypeError, match=r"fit.*\(\): material is 'ggx', of type str; .* Get one by Material"):
+        function("ggx", None)
+    with pytest.raises(TypeError, match=r"measurements is 'gold.csv', of type str; .* Get one by data.load"):
+        function(Material.analytic("ggx"), "gold.csv")
 
 
 def test_unknown_method_is_refused():

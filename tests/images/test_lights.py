@@ -234,9 +234,10 @@ def test_a_run_that_was_killed_goes_on_where_it_was(photographs, tmp_path):
     for key, value in whole.values.items():
         np.testing.assert_allclose(again.values[key], value, rtol=0.02)  # threads add samples in any order
     retaken = [dataclasses.replace(photographs[0], image=0.97 * photographs[0].image), *photographs[1:]]
-    for rho_d, seen in ((0.4, photographs), (0.3, retaken)):
-        with pytest.warns(UserWarning, match="other settings or photographs"):
-            other = fit_images(ball(MATTE.edit(rho_d=rho_d)), seen, **settings)
+    moved = {"type": "sphere", "center": [0, 3, 0], "radius": 0.2}
+    for rho_d, seen, more in ((0.4, photographs, {}), (0.3, retaken, {}), (0.3, photographs, {"more": moved})):
+        with pytest.warns(UserWarning, match="other settings, photographs or another scene"):
+            other = fit_images(ball(MATTE.edit(rho_d=rho_d), **more), seen, **settings)
         assert len(other.curve) == len(whole.curve)
 
 
