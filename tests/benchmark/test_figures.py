@@ -90,7 +90,7 @@ def test_figures_of_fits(llvm, tmp_path, capsys, number):
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert Path(result["output"]).stat().st_size > 10_000
     labels = {row["label"] for row in result["rows"]}
-    assert "enhanced" in labels and len(labels) == {5: 5, 7: 2, 14: 3, 16: 7}[number]
+    assert "enhanced" in labels and len(labels) == {5: 6, 7: 2, 14: 4, 16: 8}[number]
     assert all(0 < row["log_l1"] < 1 for row in result["rows"])
 
 
