@@ -30,45 +30,56 @@ _PICTURE = Template('<h2>$name</h2><img alt="renders and error maps of $name" sr
 
 
 def draw_pareto(rows: Sequence[Mapping[str, Any]], path: str | Path, *, title: str) -> None:
-    """Draw error over run time: of one evaluation, and of a frame of the ball; the front is a line.
+    """Draw error over the time of an evaluation, the time of a frame of the ball, and multiply-adds; lines are fronts.
 
     Parameters
     ----------
     rows : list of dict
-        Of :func:`mi_enhance.benchmark.benchmark.bench`: ``label``, ``log_l1``, ``eval_ns``, ``ball_ratio``.
+        Of :func:`mi_enhance.benchmark.benchmark.bench`: ``label``, ``log_l1``, ``eval_ns``, ``ball_ratio``,
+        ``multiply_adds``. What one has not, or 0, is left out of that plot.
     path : str or Path
         PNG.
     title : str
 
     Examples
     --------
-    >>> rows = [{"label": "GGX", "log_l1": 0.03, "eval_ns": 7.0, "ball_ratio": 1.0}]
+    >>> rows = [{"label": "GGX", "log_l1": 0.03, "eval_ns": 7.0, "ball_ratio": 1.0, "multiply_adds": 0}]
     >>> draw_pareto(rows, "pareto.png", title="test")  # doctest: +SKIP
     """
-    with sheet(path, (15, 6.5), 100) as figure:
-        left, right = figure.subplots(1, 2)
-        _front(left, rows, "eval_ns", lambda v: v, "ns per evaluation in a kernel of 2^20 lanes")
-        _front(right, rows, "ball_ratio", lambda v: 1 / v, "time of a frame of the shader ball, GGX in Python = 1")
-        handles, labels = right.get_legend_handles_labels()  # of both: the numbers are the same
+    with sheet(path, (20, 6.5), 85) as figure:
+        left, middle, right = figure.subplots(1, 3)
+        _front(left, rows, lambda row: row.get("eval_ns"), "ns per evaluation in a kernel of 2^20 lanes")
+        _front(middle, rows, _frame, "time of a frame of the shader ball, GGX in Python = 1")
+        _front(right, rows, lambda row: row.get("multiply_adds"), "multiply-adds of networks")
+        handles, labels = middle.get_legend_handles_labels()  # of all: the numbers are the same
         order = sorted(range(len(labels)), key=lambda i: int(labels[i].split()[0]))
-        right.legend([handles[i] for i in order], [labels[i] for i in order], fontsize=7)
+        texts = [labels[i] for i in order]
+        figure.legend([handles[i] for i in order], texts, fontsize=8, loc="outside right upper")
         figure.suptitle(title, fontsize=10)
 
 
-def _front(axes: Any, rows: Sequence[Mapping[str, Any]], key: str, cost: Callable, label: str) -> None:
-    exact = [row for row in rows if row["log_l1"] < _ROUNDING]
-    for row in exact:
-        axes.axvline(cost(row[key]), color="0.5", ls="--", lw=1, label=f"0  {row['label']} (the truth itself)")
-    rows = [row for row in rows if row not in exact]
-    points = sorted((cost(row[key]), row["log_l1"], k + 1) for k, row in enumerate(rows) if key in row)
-    front = pareto({"cost": x, "loss": y} for x, y, _ in points)
-    axes.step(*zip(*map(dict.values, front), strict=True), where="post", color="tab:orange", lw=1.5, zorder=1)
-    for x, y, k in points:
-        ours = "enhanced" in rows[k - 1]["label"] or "specialized" in rows[k - 1]["label"]
-        colour = "tab:orange" if ours else "tab:blue"
-        axes.plot(x, y, "o", color=colour, ms=6, label=f"{k}  {rows[k - 1]['label']}")
+def _frame(row: Mapping[str, Any]) -> float | None:
+    return 1 / row["ball_ratio"] if row.get("ball_ratio") else None
+
+
+def _front(axes: Any, rows: Sequence[Mapping[str, Any]], cost: Callable, label: str) -> None:
+    points = []
+    for k, row in enumerate(rows, 1):
+        x, y = cost(row), row["log_l1"]
+        if not x:
+            continue
+        if y < _ROUNDING:
+            axes.axvline(x, color="0.5", ls="--", lw=1, label=f"0  {row['label']} (the truth itself)")
+            continue
+        points.append({"cost": x, "loss": y})
+        ours = "enhanced" in row["label"] or "specialized" in row["label"]
+        axes.plot(x, y, "o", color="tab:orange" if ours else "tab:blue", ms=6, label=f"{k}  {row['label']}")
         axes.annotate(str(k), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
+    if points:
+        front = pareto(sorted(points, key=lambda p: (p["cost"], p["loss"])))
+        axes.step(*zip(*map(dict.values, front), strict=True), where="post", color="tab:orange", lw=1.5, zorder=1)
     axes.set(xlabel=label, ylabel="log-L1 on unseen samples", xscale="log", yscale="log")
+    axes.tick_params(axis="x", which="both", labelsize=7, labelrotation=30)  # labels of a short axis stand close
     axes.grid(alpha=0.3, which="both")
 
 
