@@ -30,28 +30,29 @@ _PICTURE = Template('<h2>$name</h2><img alt="renders and error maps of $name" sr
 
 
 def draw_pareto(rows: Sequence[Mapping[str, Any]], path: str | Path, *, title: str) -> None:
-    """Draw error over the time of an evaluation, the time of a frame of the ball, and multiply-adds; lines are fronts.
+    """Draw error over the time of an evaluation and of a frame, multiply-adds, and bytes; lines are fronts.
 
     Parameters
     ----------
     rows : list of dict
         Of :func:`mi_enhance.benchmark.benchmark.bench`: ``label``, ``log_l1``, ``eval_ns``, ``ball_ratio``,
-        ``multiply_adds``. What one has not, or 0, is left out of that plot.
+        ``multiply_adds``, ``n_bytes``. What one has not, or 0, is left out of that plot.
     path : str or Path
         PNG.
     title : str
 
     Examples
     --------
-    >>> rows = [{"label": "GGX", "log_l1": 0.03, "eval_ns": 7.0, "ball_ratio": 1.0, "multiply_adds": 0}]
+    >>> rows = [{"label": "GGX", "log_l1": 0.03, "eval_ns": 7.0, "ball_ratio": 1.0, "multiply_adds": 0, "n_bytes": 48}]
     >>> draw_pareto(rows, "pareto.png", title="test")  # doctest: +SKIP
     """
-    with sheet(path, (20, 6.5), 85) as figure:
-        left, middle, right = figure.subplots(1, 3)
-        _front(left, rows, lambda row: row.get("eval_ns"), "ns per evaluation in a kernel of 2^20 lanes")
-        _front(middle, rows, _frame, "time of a frame of the shader ball, GGX in Python = 1")
-        _front(right, rows, lambda row: row.get("multiply_adds"), "multiply-adds of networks")
-        handles, labels = middle.get_legend_handles_labels()  # of all: the numbers are the same
+    with sheet(path, (15, 11), 90) as figure:
+        axes = figure.subplots(2, 2).ravel()
+        _front(axes[0], rows, lambda row: row.get("eval_ns"), "ns per evaluation in a kernel of 2^20 lanes")
+        _front(axes[1], rows, _frame, "time of a frame of the shader ball, GGX in Python = 1")
+        _front(axes[2], rows, lambda row: row.get("multiply_adds"), "multiply-adds of networks")
+        _front(axes[3], rows, lambda row: row.get("n_bytes"), "bytes of a material, without what all share")
+        handles, labels = axes[1].get_legend_handles_labels()  # of all: the numbers are the same
         order = sorted(range(len(labels)), key=lambda i: int(labels[i].split()[0]))
         texts = [labels[i] for i in order]
         figure.legend([handles[i] for i in order], texts, fontsize=8, loc="outside right upper")
