@@ -163,7 +163,7 @@ def test_rgl_contents_are_checked_before_mitsuba(tmp_path, rgl_tensors, edit, me
     path = tmp_path / "chm_mint_spec.bsdf"
     write_tensors(path, edit(rgl_tensors))
     if message is None:  # the writer of this test is right: the same values as from the original
-        assert np.array_equal(data.load(path, n_samples=99).f, data.load(RGL, n_samples=99).f)
+        np.testing.assert_array_equal(data.load(path, n_samples=99).f, data.load(RGL, n_samples=99).f)
     else:
         with pytest.raises(ValueError, match=message):
             data.load(path)

@@ -44,7 +44,7 @@ def test_a_file_is_known_by_its_content_and_read(kind, tmp_path):
     if kind in ("utia", "utia exr", "mit", "zemax", "lighttools", "alta"):
         assert np.median(np.abs(m.f / expected - 1)) < 0.02
     again = data.load(tmp_path / name, n_samples=500, kind=kind.split()[0].split("_")[0])
-    assert np.array_equal(m.f, again.f)
+    np.testing.assert_array_equal(m.f, again.f)
 
 
 @pytest.mark.parametrize("kind", FILES)
