@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import drjit as dr
@@ -23,6 +24,12 @@ RECENT = 20  # iterations whose mean is the loss: one alone is a matter of chanc
 # A gradient costs as much as several renders, and needs fewer samples: its noise is averaged by Adam, that of a render
 # decides how well the loss is weighed.
 _GRADIENT_SHARE = 4
+_NOT_RECORDED = (
+    "fit_images(): Dr.Jit cannot record renders in this process, so each is traced anew, which takes longer. It "
+    "compiles every BSDF that is alive, and one of this or another scene holds data that it does not find: Mitsuba's "
+    "measured, or a network in a class of your own. Drop that scene and call gc.collect(), or fit in a process of its "
+    "own."
+)
 
 
 class Descent:
@@ -262,19 +269,18 @@ class Descent:
 
 
 def _frozen(function: Callable) -> Callable:
-    """Return a function that ``dr.freeze`` records; what keeps it from that is told in the words of who uses it."""
+    """Return a function that ``dr.freeze`` records where it can, and that is traced at every call where it cannot."""
     recorded = dr.freeze(function)
 
     def call(*args):
+        nonlocal recorded
         try:
             return recorded(*args)
         except RuntimeError as error:
             if not str(error).startswith("record()"):
                 raise
-            raise RuntimeError(
-                "fit_images(): Dr.Jit cannot record the render. It compiles every BSDF that is alive in the process, "
-                "and one of this or another scene holds data that it does not find, such as a network in a class of "
-                "your own. Drop that scene and call gc.collect(), or fit in a process of its own."
-            ) from error
+            warnings.warn(_NOT_RECORDED)  # noqa: B028  (from one place: told once)
+            recorded = function
+            return function(*args)
 
     return call

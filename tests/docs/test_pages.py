@@ -47,7 +47,9 @@ def run(code: str, folder: Path) -> subprocess.CompletedProcess:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page, checks", [("neural_bsdf.md", NEURAL), ("networks_in_your_code.md", YOUR_CODE)])
+@pytest.mark.parametrize(
+    "page, checks", [("neural_bsdf.md", NEURAL), ("networks_in_your_code.md", YOUR_CODE)], ids=["bsdf", "code"]
+)
 def test_page_is_a_program(page, checks, tmp_path):
     done = run("\n".join([*blocks(page), checks]), tmp_path)
     assert done.returncode == 0, done.stderr
@@ -60,6 +62,6 @@ def test_neural_bsdf_has_40_lines():
 
 @pytest.mark.slow
 def test_fit_images_says_what_keeps_it_from_recording(tmp_path):
-    """A BSDF of the page, whose weights Dr.Jit does not find, is alive in the process."""
+    """A BSDF of the page, whose weights Dr.Jit does not find, is alive in the process: it takes longer, and works."""
     done = run("\n".join(["import mi_enhance", *blocks("neural_bsdf.md")[:3], BESIDE]), tmp_path)
-    assert "Drop that scene and call gc.collect(), or fit in a process of its own." in done.stderr, done.stderr
+    assert done.returncode == 0 and done.stderr.count("Dr.Jit cannot record renders") == 1, done.stderr
