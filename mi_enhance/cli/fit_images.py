@@ -47,7 +47,7 @@ def add(subparsers: arguments.Subparsers) -> None:
         type=_stage,
         action="append",
         help="images at 1/FACTOR of their size, samples per pixel, iterations; repeat, coarse to fine "
-        "(default: 2,16,150 and 1,16,250)",
+        "(default: K,8,400 with K that makes them about 64 pixels wide; of maps 2,16,150 and 1,16,250)",
     )
     p.add_argument(
         "--pixels", type=arguments.positive, help="random pixels of all photographs in an iteration (default: 4096)"
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> dict:
             unknowns=args.unknown,
             light_scale=args.light_scale,
             exposures=args.exposures,
-            stages=args.stages or fit_images.STAGES,
+            stages=args.stages,
             pixels=args.pixels or fit_images.PIXELS,
             max_depth=args.max_depth,
             seed=args.seed,

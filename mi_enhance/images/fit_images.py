@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -31,8 +32,10 @@ from .survey import survey
 from .unknowns import Unknown
 from .views import View
 
-# Size of the images as 1 / factor, samples per pixel, iterations: coarse to fine.
-STAGES = ((2, 16, 150), (1, 16, 250))
+# Size of the images as 1 / factor, samples per pixel, iterations. Maps are sought coarse to fine. One material for all
+# of an object is sought in small images: a pixel holds a whole highlight there. In large ones few pixels do, and the
+# loss, a median in disguise, would follow the others; near-mirrors came out twice as wrong.
+_OF_MAPS, _OF_ONE, _SIDE = ((2, 16, 150), (1, 16, 250)), (8, 400), 64
 PIXELS = 4096  # of an iteration
 # An iteration takes as long as so many renders with half of its samples, two of which it is; before it is known better.
 _RENDERS = 2.7
@@ -53,7 +56,7 @@ def fit_images(
     starts: Sequence[Mapping[str, np.ndarray]] = (),
     light_scale: bool = False,
     loss: str = "log",
-    stages: Sequence[tuple[int, int, int]] = STAGES,
+    stages: Sequence[tuple[int, int, int]] | None = None,
     lr: float = 0.05,
     max_depth: int = 6,
     pixels: int = PIXELS,
@@ -142,12 +145,13 @@ def fit_images(
     """
     start = time.perf_counter()
     require_rgb("fit_images()")
-    stages = _checked(stages, lr, max_depth)
+    checked = _checked(_OF_MAPS if stages is None else stages, lr, max_depth)
     pixels = positive_int(pixels, "pixels", "fit_images()")
     folder = _pictures_folder(preview)
     if loss not in image_loss.LOSSES:
         raise ValueError(f'fit_images(): loss "{loss}" is unknown. Choose one of: {", ".join(image_loss.LOSSES)}.')
     sought = _unknowns(scene, unknowns)
+    stages = checked if stages is not None else _stages(scene, sought, views)
     placed = find(mi.traverse(scene), materials)
     for name, known in placed.items():
         refuse_free(known.material, f"fit_images(): {name}")
@@ -207,6 +211,14 @@ def fit_images(
     found, blind = visibility.undetermined(descent, book.looks[:1], seed)
     told = uncertainty.of_fit(descent, placed, prior, book.looks[0], seed, progress)
     return result(descent, placed, views, book, found, blind, told, settings, start)
+
+
+def _stages(scene: mi.Scene, sought: Sequence[Unknown], views: Sequence[View]) -> Sequence[tuple[int, int, int]]:
+    """Return the stages that suit what is sought and the pixels that count of the first photograph."""
+    params = mi.traverse(scene)
+    if not len(views) or any(isinstance(params[u.key], mi.TensorXf) for u in sought):
+        return _OF_MAPS
+    return ((max(1, round(math.sqrt(views[0].mask.sum()) / _SIDE)), *_OF_ONE),)
 
 
 def _checked(stages, lr: float, max_depth: int) -> list[tuple[int, int, int]]:

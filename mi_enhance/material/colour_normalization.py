@@ -85,8 +85,7 @@ def reshaped(material: Material, before: Material) -> Material:
         return material
     known, now = brdf.reference or roughnesses(before.params), roughnesses(material.params)
     brdf = dataclasses.replace(brdf, reference=known if known != now else None)
-    exact = before.exact_reference or (roughnesses(before.exact_params) if before.exact_params else None)
-    material = dataclasses.replace(material, brdf=brdf, exact_reference=exact)
+    material = dataclasses.replace(material, brdf=brdf)
     factors = list(_factors(material))
     found = [_albedos(m, _SEEN) for m in (material, before)] if factors else []
     for k, slot, _ in factors:

@@ -25,7 +25,7 @@ from . import material_file
 from .description import describe
 from .low_rank import LowRank, of_free, of_low_rank
 from .old_names import OldNames
-from .reports import of_shared
+from .reports import of_edited, of_shared
 from .text import text_of
 
 
@@ -74,7 +74,7 @@ class Material(OldNames):
     bound_energy: bool = False
     mixture: Mixture | None = None
     exact_params: dict | None = None
-    exact_reference: dict | None = None
+    exact_reference: Mapping[str, float] | None = None
     low_rank: LowRank | None = None
 
     def __post_init__(self):
@@ -132,13 +132,16 @@ class Material(OldNames):
         Notes
         -----
         Roughness and F0 mean what they mean to the analytic model: factors in RGB are scaled so that every term
-        reflects, to its analytic one, as much as before. That needs a JIT variant.
+        reflects, to its analytic one, as much as before. That needs a JIT variant. Latent numbers and read-outs of a
+        material with a network of its own show in `unspecialized`. ``report["edited"]`` names what has been edited.
         """
         from . import colour_normalization  # which makes materials itself
 
         changed = parameters.check(self.brdf.parameters, {**self.params, **values}, "Material.edit()")
-        exact = {**self.exact_params, **{name: changed[name] for name in values}} if self.exact_params else None
-        edited = dataclasses.replace(self, params=changed, exact_params=exact)
+        edited = dataclasses.replace(self, params=changed, report=of_edited(self.report, values))
+        if self.exact_params:
+            exact = self.unspecialized.edit(**values)
+            edited = dataclasses.replace(edited, exact_params=exact.params, exact_reference=exact.brdf.reference)
         return colour_normalization.reshaped(edited, self) if self.factors_in_rgb else edited
 
     @property
@@ -170,9 +173,8 @@ class Material(OldNames):
             params, reference = self.exact_params, self.exact_reference
             reference = None if reference == roughnesses(params) else reference
         brdf = dataclasses.replace(self.brdf, distilled=(), reference=reference)
-        return dataclasses.replace(
-            self, brdf=brdf, params=params, exact_params=None, exact_reference=None, report=of_shared(self.report)
-        )
+        changed = dataclasses.replace(self, brdf=brdf, params=params, report=of_shared(self.report))
+        return dataclasses.replace(changed, exact_params=None, exact_reference=None)
 
     def _repr_html_(self) -> str:
         from .portrait import page

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypedDict
 
 
@@ -19,6 +19,18 @@ class SpecializeReport(TypedDict, total=False):
     specialize_log_l1_exact: float
 
 
+def of_edited(report: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """Return the report of a fit, and in ``edited`` what was edited since: its errors are those before.
+
+    Examples
+    --------
+    >>> of_edited({"log_l1": 0.01, "edited": ["F0"]}, ["rho_d"])
+    {'log_l1': 0.01, 'edited': ['F0', 'rho_d']}
+    """
+    edited = sorted({*report.get("edited", ()), *names})
+    return {**report, "edited": edited} if edited and "log_l1" in report else {**report}
+
+
 def of_shared(report: Mapping[str, Any]) -> dict[str, Any]:
     """Return what remains of a report when the material loses its own network.
 
@@ -26,9 +38,19 @@ def of_shared(report: Mapping[str, Any]) -> dict[str, Any]:
     --------
     >>> of_shared({"log_l1": 0.01, "log_l1_shared": 0.02, "chosen": "own network 8-8", "seed": 0})
     {'log_l1': 0.02, 'seed': 0}
+
+    With bounded energy the error of the shared network is known without the bound only:
+
+    >>> of_shared({"log_l1": 0.011, "log_l1_unbounded": 0.01, "log_l1_shared": 0.02})
+    {'log_l1_unbounded': 0.02}
     """
     result = {key: value for key, value in report.items() if key not in SpecializeReport.__annotations__}
     if "log_l1_shared" in result:  # :func:`mi_enhance.specialization.fit_best.fit_best` chose the network
-        result["log_l1"] = result.pop("log_l1_shared")
+        shared = result.pop("log_l1_shared")
+        if "log_l1_unbounded" in result:
+            result["log_l1_unbounded"] = shared
+            result.pop("log_l1")
+        else:
+            result["log_l1"] = shared
         result.pop("chosen", None)
     return result

@@ -36,6 +36,8 @@ def text_of(material: Material) -> str:
     undetermined = material.report.get("undetermined")
     if undetermined and isinstance(undetermined, list):
         lines.append(f"  not determined by the samples: {', '.join(_by_name(undetermined))}")
+    if material.report.get("edited"):
+        lines.append(f"  edited since the fit, whose errors these are: {', '.join(material.report['edited'])}")
     for key, value in material.report.items():
         if isinstance(value, (int, float, str)):
             lines.append(f"  {key}: {value:.6g}" if isinstance(value, float) else f"  {key}: {value}")

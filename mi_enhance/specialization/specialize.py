@@ -218,9 +218,19 @@ def _own(
     more: SpecializeReport = {"specialize_max_error": max_error}
     if measurements:
         more |= {"specialize_log_l1": best[1], "specialize_log_l1_exact": exact}
+        result = dataclasses.replace(result, report=_report(result, measurements))
     wi, wo = sample_pairs(_VALIDATION, seed=seed + 2)
     error = log_l1(result.evaluate(wi, wo), material.evaluate(wi, wo), wo[:, 2])
     return _specialized(result, result.brdf, network, error, start, more, material.brdf.multiply_adds)
+
+
+def _report(material: Material, measurements: Measurements) -> dict:
+    """Return the report with the error of the material as it is now, and that of the shared network it had."""
+    report = {key: value for key, value in material.report.items() if key != "chosen"}
+    f = material.evaluate(measurements.wi, measurements.wo)
+    if "log_l1" in report:
+        report.setdefault("log_l1_shared", report["log_l1"])
+    return report | {"log_l1": log_l1(f, measurements.f, measurements.wo[:, 2])}
 
 
 def _pruned(material: Material, training: FactorProblem) -> tuple[DistilledNetwork, ...]:

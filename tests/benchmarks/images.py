@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", default="out/images", help="folder (default: %(default)s)")
     args = parser.parse_args()
     args.judge_resolution = args.judge_resolution or args.resolution
-    args.stages = [tuple(int(n) for n in s.split(",")) for s in args.stages or ()] or fit_images.STAGES
+    args.stages = [tuple(int(n) for n in s.split(",")) for s in args.stages or ()] or None
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     folder = Path(args.output)
