@@ -207,7 +207,8 @@ def _material(material: Material, problem: OwnProblem, u: np.ndarray, kind: Inpu
     values = parameters.unflatten(problem.parameters, problem.space.to_physical(free))
     raw = tuple(distillation.on_raw_inputs(layers, problem.mean, problem.std))
     network = DistilledNetwork(problem.slots, problem.inputs, raw, 3)
-    brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs=kind)
+    brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs=kind, reference=None)
     params = {p.name: values[p.name] if p.name in values else material.params[p.name] for p in brdf.parameters}
     exact = material.params if material.brdf.networks else None
-    return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact)
+    reference = material.brdf.reference if exact else None
+    return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact, exact_reference=reference)

@@ -14,6 +14,7 @@ from plugin_scenes import bitmap
 from mi_enhance.analytic.parameters import ALPHA_X, F0, N_X
 from mi_enhance.cli.main import main
 from mi_enhance.evaluation import scenes
+from mi_enhance.images import fit_images as module
 from mi_enhance.images import image_loss, scene_materials, unknowns
 from mi_enhance.images import targets as targets_module
 from mi_enhance.images.cameras import around, render_views
@@ -94,6 +95,16 @@ def test_wrong_calls_are_refused_before_anything_is_rendered(paint):
 
 
 # ---------------------------------------------------------------------- loss
+
+
+def test_stages_follow_what_is_sought_and_the_pixels_that_count(paint):
+    """One material: pictures of about 64 x 64 pixels that count; maps: up to the full size."""
+    scene, views = ball(Material.analytic("ggx").bsdf()), paint
+    large = dataclasses.replace(views[0], image=np.zeros((300, 400, 3)), mask=np.ones((300, 400), bool))
+    few = dataclasses.replace(large, mask=np.arange(400) < np.full((300, 1), 14))
+    one = [Unknown("ball.bsdf.F0", F0)]
+    found = [module._stages(scene, one, [view]) for view in (views[0], large, few)]
+    assert found == [((1, 8, 400),), ((5, 8, 400),), ((1, 8, 400),)]
 
 
 def test_masked_and_saturated_pixels(llvm):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import mitsuba as mi
@@ -158,3 +159,31 @@ def test_levenberg_marquardt_never_loses(llvm):
     u = problem.first(np.random.default_rng(0))[None]
     found = levenberg_marquardt.minimize(problem.loss, problem.normal_equations, u, low, high, steps=3)
     assert found[1] < problem.loss(u)
+
+
+@pytest.mark.slow
+def test_an_edit_and_then_undo_is_undo_and_then_the_edit(llvm):
+    """Roughness rescales factors: of the network that is used, and of the shared one that comes back."""
+    wi, wo = sample_pairs(2000, seed=5)
+    shared = Material.pretrained().edit(rho_d=(0.3, 0.2, 0.1), rho_s=0.4, alpha_x=0.3, alpha_y=0.3, F0=0.2)
+    rng = np.random.default_rng(0)
+    shared = shared.edit(read_out=rng.normal(0, 0.02, shared.params["read_out"].shape))
+    m = Measurements(wi, wo, shared.evaluate(wi, wo), "grey")
+    both = specialize(shared, m, size=3)
+    change = {"alpha_x": 0.03, "alpha_y": 0.04, "rho_d": 0.5}
+    edited = both.edit(**change).unspecialized
+    expected = shared.edit(**change)
+    np.testing.assert_allclose(edited.evaluate(wi, wo), expected.evaluate(wi, wo), rtol=1e-4)
+    assert np.abs(expected.params["read_out"] - shared.params["read_out"]).max() > 1e-3  # something was rescaled
+    again = both.edit(alpha_x=0.1).edit(**change).unspecialized  # in two steps
+    np.testing.assert_allclose(again.evaluate(wi, wo).mean(0), expected.evaluate(wi, wo).mean(0), rtol=0.02)
+
+
+def test_report_after_specialize_is_of_the_material_it_is_with(llvm):
+    m = truth()
+    error = lambda x: log_l1(x.evaluate(m.wi, m.wo), m.f, m.wo[:, 2])  # noqa: E731
+    given = dataclasses.replace(start(), report={"log_l1": 0.5, "chosen": "shared network"})
+    given = dataclasses.replace(given, brdf=with_trunk(given.brdf.model, hidden=(4, 4), n_latent=2))
+    small = specialize(given, m, size=2)
+    assert small.report["log_l1"] == pytest.approx(error(small)) and "chosen" not in small.report
+    assert small.unspecialized.report["log_l1"] == 0.5
