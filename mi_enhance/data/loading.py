@@ -146,7 +146,7 @@ def recognized(path: Path, where: str) -> Reader:
             return one
     raise ValueError(
         f"{where}: neither content nor suffix {suffix!r} belongs to a known kind of measurement. Known are: "
-        f"{'; '.join(r.about for r in readers().values())}. If it is one of these, name it with kind= "
+        f"{'; '.join(r.about for r in readers().values())}. If it is one of these, name it in Python, with kind= "
         f"({', '.join(readers())})."
     )
 

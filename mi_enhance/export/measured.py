@@ -29,6 +29,7 @@ from .registry import exporter
 _PAIRS = 50_000  # that errors are measured on
 _STEEP = np.cos(np.deg2rad(80))  # beyond, measurements are extrapolated; errors are stated without it, too
 _SAMPLES = 100_000  # rows of a table where nobody says how many
+_FEWEST = 5  # rows of a table that is interpolated: four for a first simplex, one to judge it by
 _ASIDE = 10  # one of so many rows of a table tells how well the others say it
 
 
@@ -160,6 +161,11 @@ def opened(source: Material | str | Path, material: str) -> tuple[Function, str,
     if not is_scattered(source):
         return functions.function_of(source, material=material or None), name, {}
     m = load(source, n_samples=1_000_000)
+    if len(m.f) < _FEWEST:
+        raise ValueError(
+            f'export("{source}"): the table has {len(m.f)} rows above the horizon; at least {_FEWEST} are needed: a '
+            "measured file says what lies between them. Measure more, or write a table (.csv, .npz)."
+        )
     known, aside = split(m, len(m.f) // _ASIDE)
     error = _error(interpolated(known)(aside.wi, aside.wo), aside)
     return interpolated(m), name, {"log_l1_between_samples": error}

@@ -249,6 +249,12 @@ def test_a_failed_export_leaves_the_old_file(llvm, tmp_path):
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
+def test_a_table_of_few_rows_is_refused(tmp_path):
+    (tmp_path / "t.csv").write_text("theta_i,phi_i,theta_o,phi_o,f\n" + "0.1,0,0.2,0,1\n" * 4)
+    with pytest.raises(ValueError, match=r"t\.csv\"\): the table has 4 rows above the horizon; at least 5 are needed"):
+        write_binary(tmp_path / "t.csv", tmp_path / "x.binary")
+
+
 def test_own_materials_are_refused_by_convert_and_written_by_export(llvm, tmp_path, capsys):
     own = tmp_path / "own.bsdf"
     ggx(**ISOTROPIC).save(own)
