@@ -29,7 +29,8 @@ def determined(
     The residuals of the loss are taken for independent, with a Laplace distribution of the mean size b they have:
     least absolute deviations then have the covariance :math:`b^2 (J^T J)^{-1}`. The inverse covariance of a uniform
     prior over the range of each parameter is added, so that the sum is invertible. Errors of the model are not
-    independent: take the numbers for lower bounds, and for a ranking.
+    independent: take the numbers for lower bounds, and for a ranking. A colour is told for the factors as they are:
+    its size is that of the mean factor, which read-outs could take over, and which is held at 1.
 
     Parameters
     ----------
@@ -70,13 +71,19 @@ def determined(
     # residuals far below `same` all have the same weight, 1 / same: what is left is J^T J
     same = 1e3
     h = problem.normal_equations(u[None], np.array([same]))[0][0] * (3 * n * same)
-    variance = np.diag(posterior(h[np.ix_(free, free)], log_l1, np.diag(1 / spread[free] ** 2)))
     std = np.zeros(len(u))
-    std[free] = np.sqrt(variance)
+
+    def found_std(k: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.diag(posterior(h[np.ix_(k, k)], log_l1, np.diag(1 / spread[k] ** 2))))
+
+    std[free] = found_std(free)
     names = [name for p in brdf.parameters for name in parameters.components(p)]
-    undetermined = [
-        names[k] for k in free if not names[k].startswith(("read_out", "code")) and std[k] > OPEN * spread[k]
-    ]
+    of_factor = np.array([name.startswith(("read_out", "code")) for name in names])
+    if of_factor.any():
+        is_colour = np.array([p.is_colour for p in brdf.parameters for _ in range(p.size)])
+        others = free[~of_factor[free]]
+        std[others] = np.where(is_colour[others], found_std(others), std[others])
+    undetermined = [names[k] for k in free if not of_factor[k] and std[k] > OPEN * spread[k]]
     found = parameters.unflatten(brdf.parameters, std * space.slope(u))
     # not of the hundreds of numbers of a read-out, none of which means anything by itself
     return {name: v.tolist() for name, v in found.items() if name not in ("read_out", "code")}, undetermined

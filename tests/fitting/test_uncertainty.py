@@ -80,3 +80,13 @@ def test_latent_numbers_count_one_by_one_and_what_was_held_does_not(llvm):
     assert len(std["latent"]) == 3 and std["asymmetry"] == [0.0] and "asymmetry" not in undetermined
     free = determined(Material(brdf, {}), Measurements(wi, wo, np.ones((300, 3))), 0.1)[0]
     assert free["asymmetry"][0] > 0
+
+
+@pytest.mark.slow
+def test_colours_are_told_for_the_factors_as_they_are(llvm):
+    """A constant could move from a read-out into the colour; yet rho_d is the albedo, which the samples tell."""
+    wi, wo = sample_pairs(2000, seed=1)
+    m = fit(Material.pretrained(), Measurements(wi, wo, np.full((len(wi), 3), 0.2), "even"))
+    np.testing.assert_allclose(m.params["rho_d"], 0.2 * np.pi, rtol=1e-3)
+    assert "rho_d" not in open_names(m) and {"alpha_x", "F0", "latent"} <= open_names(m)
+    assert max(m.report["std"]["rho_d"]) < 1e-3
