@@ -9,10 +9,9 @@ from typing import Literal
 from ..data.measurements import Measurements
 from ..fitting import library_prior
 from ..fitting.fit import check_arguments, fit, with_bounded_energy
-from ..fitting.losses import log_l1
 from ..material.material import Material
 from ..system.progress import Callback, silent
-from .own_network import divided, finished, own_network
+from .own_network import divided, error_of, finished, own_network, reported
 
 # Fewer samples, or from fewer places (a part of the half and difference angles), do not carry hundreds of weights.
 _MIN_SAMPLES, _MIN_COVERAGE = 5000, 0.25
@@ -80,19 +79,17 @@ def fit_best(
         )
     else:
         seen, unseen = parts or divided(measurements, seed)
-        error = log_l1(shared.evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
+        error = error_of(shared, unseen)
         found, own_error = own_network(
             shared, seen, unseen, (size, size), reciprocal=reciprocal, seed=seed, progress=progress
         )
         if own == "always" or own_error < error:
             found = finished(found)  # which moves a factor into its colour: it is judged as it will be used
-            own_error = log_l1(found.evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
+            own_error = error_of(found, unseen)
         errors = f"error on unseen samples {own_error:.5f}, of the shared network {error:.5f}"
         if own == "always" or own_error < error:
             chosen = f"own network {size}-{size}: {errors}"
-            loss = log_l1(found.evaluate(measurements.wi, measurements.wo), measurements.f, measurements.wo[:, 2])
-            report = {**shared.report, "log_l1": loss, "log_l1_shared": shared.report["log_l1"]}
-            shared = dataclasses.replace(found, report=report)
+            shared = reported(found, measurements)
         else:
             chosen = f"shared network: an own one of {size}-{size} is worse: {errors}"
     report = {**shared.report, "chosen": chosen, "seconds": time.perf_counter() - start}

@@ -15,6 +15,7 @@ import numpy as np
 from ..analytic import parameters
 from ..analytic.graph import Node
 from ..data.measurements import Measurements
+from ..fitting.losses import log_l1
 from ..material.colour_normalization import normalize
 from ..material.material import Material
 from ..neural import inputs as inputs_module
@@ -115,6 +116,19 @@ def finished(material: Material) -> Material:
     return dataclasses.replace(
         material, lobe_albedo=albedo.lobe_albedo(material.brdf, params), mixture=fit_mixture(material.brdf, params)
     )
+
+
+def error_of(material: Material, m: Measurements) -> float:
+    """Return eq. 1 of a material on measurements."""
+    return log_l1(material.evaluate(m.wi, m.wo), m.f, m.wo[:, 2])
+
+
+def reported(material: Material, measurements: Measurements) -> Material:
+    """Return a material with a network of its own, and its own error in the report in place of the shared one's."""
+    report = {key: value for key, value in material.report.items() if key != "chosen"}
+    if "log_l1" in report:
+        report["log_l1_shared"] = report["log_l1"]
+    return dataclasses.replace(material, report=report | {"log_l1": error_of(material, measurements)})
 
 
 def slots_of(graph: Node) -> tuple[str, ...]:

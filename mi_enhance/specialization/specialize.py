@@ -25,7 +25,7 @@ from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import distillation, pruning
 from .factor_problem import FactorProblem, factors_of
-from .own_network import divided, finished, own_network
+from .own_network import divided, error_of, finished, own_network, reported
 
 SHARED = "ggx2_small"  # the network that textured materials get
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
@@ -192,7 +192,7 @@ def _own(
     wi, wo = sample_pairs(_OWN_PAIRS, seed=seed + 1, min_cos=_MIN_COS)
     truth = measurements or Measurements(wi, wo, material.evaluate(wi, wo), "material", "itself")
     seen, unseen = divided(truth, seed)
-    exact = log_l1(material.evaluate(unseen.wi, unseen.wo), unseen.f, unseen.wo[:, 2])
+    exact = error_of(material, unseen)
     sizes = (size,) if size else SIZES
     best: tuple[Material, float] | None = None
     for k, units in enumerate(sizes):
@@ -218,19 +218,10 @@ def _own(
     more: SpecializeReport = {"specialize_max_error": max_error}
     if measurements:
         more |= {"specialize_log_l1": best[1], "specialize_log_l1_exact": exact}
-        result = dataclasses.replace(result, report=_report(result, measurements))
+        result = reported(result, measurements)
     wi, wo = sample_pairs(_VALIDATION, seed=seed + 2)
     error = log_l1(result.evaluate(wi, wo), material.evaluate(wi, wo), wo[:, 2])
     return _specialized(result, result.brdf, network, error, start, more, material.brdf.multiply_adds)
-
-
-def _report(material: Material, measurements: Measurements) -> dict:
-    """Return the report with the error of the material as it is now, and that of the shared network it had."""
-    report = {key: value for key, value in material.report.items() if key != "chosen"}
-    f = material.evaluate(measurements.wi, measurements.wo)
-    if "log_l1" in report:
-        report.setdefault("log_l1_shared", report["log_l1"])
-    return report | {"log_l1": log_l1(f, measurements.f, measurements.wo[:, 2])}
 
 
 def _pruned(material: Material, training: FactorProblem) -> tuple[DistilledNetwork, ...]:
