@@ -77,9 +77,8 @@ def _front(axes: Any, rows: Sequence[Mapping[str, Any]], cost: Callable, label: 
         axes.plot(x, y, "o", color="tab:orange" if ours else "tab:blue", ms=6, label=f"{k}  {row['label']}")
         axes.annotate(str(k), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
     if points:
-        axes.step(
-            *zip(*map(dict.values, pareto(points)), strict=True), where="post", color="tab:orange", lw=1.5, zorder=1
-        )
+        x, y = zip(*map(dict.values, pareto(points)), strict=True)
+        axes.step(x, y, where="post", color="tab:orange", lw=1.5, zorder=1)
     axes.set(xlabel=label, ylabel="log-L1 on unseen samples", xscale="log", yscale="log")
     axes.tick_params(axis="x", which="both", labelsize=7, labelrotation=30)  # labels of a short axis stand close
     axes.grid(alpha=0.3, which="both")
