@@ -58,14 +58,16 @@ class SceneParameters:
     spectra: dict[str, tuple[mi.Texture, float]]  # the colours among the values, in spectral variants
 
     def __init__(self, props: Any, material: Material, where: str):
-        self._parameters = {p.name: p for p in material.brdf.parameters}
+        brdf = material.brdf
         # a specialized material has them in the weights of its own network
-        self._hidden = {n for n, p in self._parameters.items() if p.kind == "latent" or n.startswith("norm_")}
-        self._hidden = self._hidden if material.brdf.distilled else set()
-        self._colours = [p.name for p in material.brdf.parameters if p.is_colour]
+        self._hidden = {p.name for p in brdf.parameters if p.kind == "latent" or p.name.startswith("norm_")}
+        self._hidden = self._hidden if brdf.distilled else set()
+        read = [p for p in brdf.parameters if brdf.evaluated or p.name not in self._hidden]
+        self._parameters = {p.name: p for p in read}
+        self._colours = [p.name for p in read if p.is_colour]
         self.values, self.textures, self.inside, self.spectra = {}, textures_of(props, material), {}, {}
-        self.literal, self._trunk = {}, material.brdf.trunk
-        for p in material.brdf.parameters:
+        self.literal, self._trunk = {}, brdf.trunk
+        for p in read:
             self._read(props, p, material.params[p.name], where)
 
     def _read(self, props: Any, p: Parameter, value: np.ndarray, where: str) -> None:

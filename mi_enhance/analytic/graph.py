@@ -7,6 +7,7 @@ evaluated on; an operator joins two graphs. Either can be exchanged for another 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import operator
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -82,7 +83,7 @@ class Node:
         else:
             yield self
 
-    @property
+    @functools.cached_property
     def slots(self) -> tuple[str, ...]:
         """Names of all slots, in the order of the formula: one digit of the enhancement state each (section 4.1)."""
         return tuple(node.name for node in self.walk())
@@ -93,10 +94,14 @@ class Node:
 
     def find(self, name: str) -> Node:
         """Return the slot called `name`; KeyError with the choices if there is none."""
-        for node in self.walk():
-            if node.name == name:
-                return node
-        raise KeyError(f'graph: "{name}" is not a slot of {self}. Slots: {", ".join(self.slots)}.')
+        if name not in self._nodes:
+            raise KeyError(f'graph: "{name}" is not a slot of {self}. Slots: {", ".join(self.slots)}.')
+        return self._nodes[name]
+
+    @functools.cached_property
+    def _nodes(self) -> dict[str, Node]:
+        """The slots by name, the first of a name: looked up many times whenever a renderer traces a material."""
+        return {node.name: node for node in reversed(list(self.walk()))}
 
     def replace(self, functions: Mapping[str, Callable]) -> Node:
         """Return a copy in which the slots named in `functions` evaluate those functions instead.
@@ -113,7 +118,8 @@ class Node:
     def _replace(self, functions: Mapping[str, Callable]) -> Node:
         args = tuple(a._replace(functions) for a in self.args)
         if self.name not in functions:
-            return dataclasses.replace(self, args=args)
+            same = all(a is b for a, b in zip(args, self.args, strict=True))
+            return self if same else dataclasses.replace(self, args=args)
         return dataclasses.replace(self, args=args, fn=functions[self.name], replaced=True)
 
     def exchange(self, term: Node) -> Node:

@@ -74,6 +74,8 @@ class DistilledNetwork:
         keep = [name not in inputs for name in self.inputs]
         if not rows:
             return None
+        if len(left) == len(self.slots) and all(keep):
+            return self
         *hidden, (w, b) = self.layers
         layers = [(w[:, _columns(w, keep)], b) for w, b in (*hidden, (w[rows], b[rows]))]
         return DistilledNetwork(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -119,6 +120,10 @@ class EnhancedBRDF:
     def state(self) -> tuple[int, ...]:
         """Enhancement state: one digit per slot, 1 where a network stands (section 4.1)."""
         return tuple(int(slot in self._slots) for slot in self.model.graph.slots)
+
+    @functools.cached_property
+    def _limits(self) -> dict[str, float]:
+        return replacements.max_logs(self.model.graph, self.modules)
 
     @property
     def _slots(self) -> tuple[str, ...]:
@@ -251,7 +256,7 @@ class EnhancedBRDF:
         """
         graph, slots = self.model.graph, [slot for slot in self.evaluated if slot in self.modules]
         x = of_directions(record, self.inputs, wi, wo, map(graph.find, slots))
-        limits = replacements.max_logs(graph, self.modules)
+        limits = self._limits
         functions = {
             slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
         }
