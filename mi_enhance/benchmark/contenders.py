@@ -19,6 +19,7 @@ from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..material.material import Material
 from ..neural.mlp import flatten
+from ..specialization.own_network import can_have_one
 from ..specialization.specialize import SIZES, specialize
 from ..system.bundled_files import DEFAULT_NETWORK
 from ..system.cache import cached
@@ -128,7 +129,7 @@ def contenders(
         EXACT: lambda: _ours(exact()),
         "specialized, max error 0.001": lambda: specialized("specialized"),
     }
-    for size in SIZES:
+    for size in SIZES if model is None or can_have_one(model.brdf) else ():
         label, file = f"specialized on the file, {size}-{size}", f"specialized_{size}"
         recipes[label] = functools.partial(specialized, file, measurements, size)
     for label, name in _NETWORKS.items():

@@ -82,7 +82,9 @@ class EnhancedBRDF:
 
     @property
     def evaluated(self) -> dict[str, MLP]:
-        """Networks that are evaluated, i.e. not replaced by a distilled one."""
+        """Networks that are evaluated, i.e. not replaced by a distilled one; one in RGB scales the analytic model."""
+        if any(c.channels == 3 for c in self.distilled):
+            return {}
         covered = {slot for c in self.distilled for name in c.slots for slot in self.model.graph.find(name).slots}
         result = {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
         if self.trunk and set(self.read_slots) - covered:
@@ -127,7 +129,10 @@ class EnhancedBRDF:
 
     @property
     def _slots(self) -> tuple[str, ...]:
-        return (*self.modules, *self.read_slots)
+        evaluated = self.evaluated
+        read = self.read_slots if NAME in evaluated else ()
+        distilled = (slot for c in self.distilled for slot in c.slots)
+        return (*(slot for slot in self.modules if slot in evaluated), *read, *distilled)
 
     @property
     def multiply_adds(self) -> int:

@@ -18,9 +18,9 @@ from ..data.measurements import Measurements
 from ..fitting.losses import log_l1
 from ..material.colour_normalization import normalize
 from ..material.material import Material
-from ..neural import inputs as inputs_module
 from ..neural.distilled_network import DistilledNetwork
-from ..neural.inputs import InputKind
+from ..neural.enhanced_brdf import EnhancedBRDF
+from ..neural.inputs import InputKind, names_of_directions
 from ..numerics import levenberg_marquardt
 from ..sampling import albedo
 from ..sampling.mixture_fit import fit_mixture
@@ -131,6 +131,11 @@ def reported(material: Material, measurements: Measurements) -> Material:
     return dataclasses.replace(material, report=report | {"log_l1": error_of(material, measurements)})
 
 
+def can_have_one(brdf: EnhancedBRDF) -> bool:
+    """Tell whether a material can have a network of its own: shared ones that stay in its file must see as it does."""
+    return not brdf.networks or brdf.inputs in ("shape", "reciprocal")
+
+
 def slots_of(graph: Node) -> tuple[str, ...]:
     """Return one term of each summand, whose factor the network gives: B where there is one, else the last but 1/E.
 
@@ -179,7 +184,7 @@ def _problems(
     params = (*brdf.model.parameters, parameters.ASYMMETRY)
     values = {p.name: material.params.get(p.name, np.zeros(p.size)) for p in params}
     values["asymmetry"] = np.ones(1)
-    names = inputs_module.names_of(_kind(reciprocal))
+    names = names_of_directions(brdf.model, _kind(reciprocal), brdf.model.graph)
     # The logarithm of the ratio of the cosines adds little to their difference.
     inputs = [name for name in names if "log_ratio" not in name and not (isotropic and "azimuth" in name)]
     moving = np.zeros((parameters.count(params), 0)) if hold else _moving(params, isotropic)
@@ -222,7 +227,8 @@ def _material(material: Material, problem: OwnProblem, u: np.ndarray, kind: Inpu
     raw = tuple(distillation.on_raw_inputs(layers, problem.mean, problem.std))
     network = DistilledNetwork(problem.slots, problem.inputs, raw, 3)
     brdf = dataclasses.replace(material.brdf, distilled=(network,), inputs=kind, reference=None)
-    params = {p.name: values[p.name] if p.name in values else material.params[p.name] for p in brdf.parameters}
+    norms = {p.name: np.zeros(p.size) for p in brdf.parameters if p.name.startswith("norm_")}
+    params = {**material.params, **norms, **values}  # norms belong to the networks that are not evaluated any more
     exact = material.params if material.brdf.networks else None
     reference = material.brdf.reference if exact else None
     return dataclasses.replace(material, brdf=brdf, params=params, exact_params=exact, exact_reference=reference)

@@ -25,7 +25,7 @@ from ..system.progress import Callback, Progress, silent
 from ..system.variants import require_rgb
 from . import distillation, pruning
 from .factor_problem import FactorProblem, factors_of
-from .own_network import divided, error_of, finished, own_network, reported
+from .own_network import can_have_one, divided, error_of, finished, own_network, reported
 
 SHARED = "ggx2_small"  # the network that textured materials get
 # Hidden units of two layers each; the cheapest that is good enough is taken. Chosen on MERL materials (NPs' decoder).
@@ -107,6 +107,12 @@ def specialize(
     if textured:
         return _shared(material, measurements, seed, start)
     if measurements or material.brdf.trunk:
+        if not can_have_one(material.brdf):
+            raise ValueError(
+                f'specialize(): the networks of {material.brdf} have inputs "{material.brdf.inputs}"; one that follows '
+                'measurements can only stand beside networks with "shape" or "reciprocal". Leave the measurements out, '
+                "or fit ggx2_rgb, ggx2, ggx, cook_torrance or ward."
+            )
         return _own(material, measurements, max_error, size, seed, start, progress)
     slots = factors_of(material.brdf)
     training = FactorProblem(material, slots, *sample_pairs(_TRAINING, seed=seed + 1, min_cos=_MIN_COS))

@@ -93,6 +93,30 @@ def test_file_and_plugin_give_the_same(llvm, tmp_path):
     np.testing.assert_allclose(f, m.evaluate(wi, wo) * wo[:, 2:], rtol=2e-4, atol=1e-6)
 
 
+@pytest.mark.parametrize("network", ["cook_torrance", "ward", "ggx2"])
+def test_takes_the_place_of_all_shared_networks(llvm, network, tmp_path):
+    """Also of those of other slots, and of the numbers that only they read."""
+    shared = Material.pretrained(network)
+    norms = {name: 0.5 for name in shared.params if name.startswith("norm_")}
+    seen, unseen = own.divided(truth(), 0)
+    m, error = own.own_network(shared.edit(alpha_x=0.3, alpha_y=0.3, **norms), seen, unseen, (4, 4))
+    assert own.error_of(m, unseen) == pytest.approx(error, rel=1e-3)
+    done = own.finished(m)
+    np.testing.assert_allclose(done.evaluate(seen.wi, seen.wo), m.evaluate(seen.wi, seen.wo), rtol=1e-4, atol=1e-6)
+    assert not m.brdf.evaluated and m.unspecialized.brdf.evaluated.keys() == shared.brdf.modules.keys()
+    # a renderer is handed what is evaluated, and nothing of the networks that are not
+    assert not {"latent", *norms} & set(done.bsdf().m_parameters.values)
+    done.save(tmp_path / "own.bsdf")
+    back = Material.load(tmp_path / "own.bsdf").unspecialized
+    expected = shared.edit(alpha_x=0.3, alpha_y=0.3, **norms).evaluate(seen.wi, seen.wo)
+    np.testing.assert_allclose(back.evaluate(seen.wi, seen.wo), expected, rtol=1e-4, atol=1e-6)
+
+
+def test_networks_with_other_inputs_are_no_company(llvm):
+    with pytest.raises(ValueError, match='inputs "symmetric".*Leave the measurements out'):
+        specialize(Material.pretrained("paper"), truth())
+
+
 def test_reciprocal_on_request(llvm):
     m, _ = own.own_network(start(), *own.divided(truth(), 0), (4, 4), reciprocal=True)
     wi, wo = sample_pairs(500, seed=4)
