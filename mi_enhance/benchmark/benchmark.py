@@ -210,7 +210,7 @@ def _fit_elsewhere(job: tuple[str, str], *, model: str | None, variant: str, giv
 def _samples(path: str | Path, n: int, seed: int, material: str | None) -> tuple[Measurements, Measurements]:
     """Return samples to fit to, and others to measure errors on; of a table a fifth of its rows is kept aside."""
     if is_scattered(path):
-        measured = load(path, n_samples=n, seed=seed)
+        measured = load(path, n_samples=n, seed=seed, material=material)
         return split(measured, min(_UNSEEN, len(measured.f) // 5), seed)
     pair = [load(path, n_samples=m, seed=seed + k, material=material) for k, m in enumerate((n, _UNSEEN))]
     return pair[0], pair[1]

@@ -25,6 +25,7 @@ from ..system.bundled_files import DEFAULT_NETWORK
 from ..system.cache import cached
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
+from ..system.run_folder import keep_settings
 from . import mitsuba_bsdfs, nbrdf, residual_network
 from .contender import Contender
 from .hybrid_contender import HYBRID, fit_to_file, hybrid_of_file
@@ -56,7 +57,7 @@ def contenders(
     measurements : Measurements
         Samples of it, which the models are fitted to.
     folder : Path
-        Keeps the fits.
+        Keeps the fits, of these samples only.
     model : Material, optional
         The enhanced model in the place of the shipped default.
     only : collection of str, optional
@@ -74,6 +75,8 @@ def contenders(
     --------
     >>> contenders(truth, measurements, Path("out/bench"))  # doctest: +SKIP
     """
+    given = digest(measurements.wi, measurements.wo, measurements.f)
+    keep_settings(folder / "samples.json", {"samples": given}, f'fits to "{measurements.name}"')
     n_done = 0
 
     def kept(name: str, suffix: str, write: Callable[[Path], None]) -> Path:

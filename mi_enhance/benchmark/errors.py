@@ -65,7 +65,8 @@ def rendered_errors(
             result[label]["log_l1"] = log_l1(f, unseen.f, unseen.wo[:, 2])
         return result
 
-    name = f"errors_{resolution}_{spp}_{digest(' '.join(labels).encode())}.json"
+    given = digest(" ".join(labels).encode(), unseen.wi, unseen.wo, unseen.f)
+    name = f"errors_{resolution}_{spp}_{given}.json"
     return cached(folder / name, compute, lambda path: json.loads(path.read_text()), write_json)
 
 

@@ -68,7 +68,7 @@ def hybrids_of_files(
     seed : int
     progress : callable
     """
-    file = folder / f"hybrid_{digest(' '.join(m.name for m in measured).encode())}.npz"
+    file = folder / f"hybrid_{digest(*(part for m in measured for part in (m.wi, m.wo, m.f)))}.npz"
 
     def train() -> Mapping:
         begun = time.perf_counter()

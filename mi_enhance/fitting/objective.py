@@ -99,12 +99,16 @@ class Objective:
         rows = [_gradient(c, inputs, mi.Float(1)) for c in r]
         scalar = [_gradient(v, p_leaves, mi.Float(1)) for v in cuts.values()]
         eps = dr.repeat(mi.Float(epsilon.astype(np.float32)), self.n)
-        n_p, lanes = u.shape[1], len(r[0])
-        buffer = dr.empty(mi.Float, 3 * (n_p + 1) * lanes)
-        index = dr.arange(mi.UInt32, lanes)
-        block = _block(self.n)
+        n_p = u.shape[1]
+        # Blocks do not straddle problems; the last one of a problem may not be full.
+        blocks = -(-self.n // _BLOCK)
+        block = -(-self.n // blocks)
+        shape = (self.n_problems * blocks, n_p + 1, 3 * block)
+        buffer = (dr.empty if blocks * block == self.n else dr.zeros)(mi.Float, int(np.prod(shape)))
         # (block of lanes, row, lane in the block): the products below then need no further rearrangement
-        base = (index // block) * (block * (n_p + 1) * 3) + index % block
+        index = dr.arange(mi.UInt32, self.n_problems * self.n)
+        sample = index % self.n
+        base = (index // self.n * blocks + sample // block) * (block * (n_p + 1) * 3) + sample % block
         total: Any = 0
         for k, (residual, row) in enumerate(zip(r, rows, strict=True)):
             value = dr.detach(residual)
@@ -115,7 +119,7 @@ class Objective:
             for p, column in enumerate([*columns, value]):
                 dr.scatter(buffer, scale * column, base + (p * 3 + k) * block, mode=dr.ReduceMode.NoConflicts)
         dr.eval(buffer, total)  # together: alone, the loss would take the networks a second time
-        a = mi.TensorXf(buffer, (lanes // block, n_p + 1, 3 * block))
+        a = mi.TensorXf(buffer, shape)
         products = np.array(dr.matmul(a, a, Bt=True), np.float64).reshape(self.n_problems, -1, n_p + 1, n_p + 1).sum(1)
         products /= 3 * self.n
         loss = np.array(dr.block_sum(total, self.n), np.float64) / (3 * self.n)
@@ -189,11 +193,6 @@ def _scalar_parts(node, colours: set[str]) -> list:
     for a in node.args:
         parts += _scalar_parts(a, colours) if a.reads(colours) else [a]
     return parts
-
-
-def _block(n: int) -> int:
-    """Return the largest divisor of n that is at most _BLOCK: blocks do not straddle problems."""
-    return max(d for d in range(1, min(n, _BLOCK) + 1) if n % d == 0)
 
 
 def _arrays(params: dict) -> Iterator[mi.Float]:

@@ -31,7 +31,7 @@ from ..system.run_folder import keep_settings
 from ..system.variants import require_rgb
 from ..system.workers import run_all
 from ..training.analytic_start import analytic_start, representative, validate
-from ..training.sources import Source, build
+from ..training.sources import UNSEEN_SEED, Source, build
 from ..training.trainer import Trainer
 from ..training.training_set import TrainingSet, gather
 from . import candidate, inheritance, states
@@ -155,9 +155,10 @@ def prepare(
     keep_settings(folder / "search.json", kept, "search()", begun=begun)
     if not begun:
         (folder / "validation.npz").unlink(missing_ok=True)  # of a run that ended before it had samples
-        for name, given in (("validation", validation), ("samples", materials)):
+        for name, given, seed in (("validation", validation, UNSEEN_SEED), ("samples", materials, 0)):
             if given:
-                _training_set(given, settings, folder / "cache", progress).save(folder / f"{name}.npz")
+                made = _training_set(given, settings, settings.seed + seed, folder / "cache", progress)
+                made.save(folder / f"{name}.npz")
     checkpoint = candidate_folder(folder, 0, start) / "checkpoint.npz"
     if not checkpoint.exists():
         checkpoint.parent.mkdir(parents=True, exist_ok=True)
@@ -167,12 +168,12 @@ def prepare(
         Trainer(brdf, samples, setup.training(0), analytic_start(brdf, samples)).save(checkpoint)
 
 
-def _training_set(given: list, settings: SearchSettings, cache: Path, progress: Callback) -> TrainingSet:
+def _training_set(given: list, settings: SearchSettings, seed: int, cache: Path, progress: Callback) -> TrainingSet:
     n = settings.n_samples + settings.n_aside
     if all(isinstance(m, Measurements) for m in given):
-        return gather(given, n, settings.seed)
+        return gather(given, n, seed)
     if all(isinstance(m, Mapping) for m in given):
-        return build(given, n_samples=n, seed=settings.seed, cache=cache, progress=progress)
+        return build(given, n_samples=n, seed=seed, cache=cache, progress=progress)
     raise ValueError("search(): materials must all be Measurements, or all be sources (dictionaries).")
 
 

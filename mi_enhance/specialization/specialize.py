@@ -36,7 +36,6 @@ _TRAINING, _VALIDATION = 8192, 20_000  # pairs of directions
 _AT_BEST = 2.5  # the next size is never better by more: what is hopeless is not tried
 _STARTS, _FEW = 4, 1024  # first weights that are tried, on how many pairs
 _MIN_COS = 1e-3  # closer to the horizon than any measurement: a render asks there, too
-# The logarithm of the ratio of the cosines adds little to their difference.
 # Inputs that vary by less say nothing: the azimuth where the roughnesses are equal, asymmetry where there is none.
 _MIN_SPREAD = 5e-3
 
@@ -74,7 +73,8 @@ def specialize(
     seed : int
         Of directions and first weights.
     progress : callable
-        Hears of every size that was tried, with its ``error``; see :mod:`mi_enhance.system.progress`.
+        Hears of every size that was tried, with its ``error``, or of the steps of the fit of the small shared network;
+        see :mod:`mi_enhance.system.progress`.
 
     Returns
     -------
@@ -99,13 +99,13 @@ def specialize(
     """
     if not max_error > 0:
         raise ValueError(f"specialize(): max_error must be above 0; got {max_error}.")
-    if size is not None and not 1 <= size <= 64:  # 64: 30 times the multiply-adds of the largest of SIZES
+    if size is not None and not 1 <= size <= 64:  # 64: seven times the multiply-adds of the largest of SIZES
         raise ValueError(f"specialize(): size must be in 1 to 64 hidden units; got {size}.")
     require_rgb("specialize()")
     start = time.perf_counter()
     material = material.unspecialized
     if textured:
-        return _shared(material, measurements, seed, start)
+        return _shared(material, measurements, seed, start, progress)
     if measurements or material.brdf.trunk:
         if not can_have_one(material.brdf):
             raise ValueError(
@@ -160,6 +160,7 @@ def _specialized(
 def _learn(training: FactorProblem, units: int, rng: np.random.Generator) -> DistilledNetwork:
     """Return a network with two layers of `units` hidden units."""
     spread = {name: v.std() for name, v in training.features.items()}
+    # The logarithm of the ratio of the cosines adds little to their difference.
     inputs = tuple(name for name in training.features if spread[name] > _MIN_SPREAD and "log_ratio" not in name)
     x = training.columns(inputs)
     mean, std = x.mean(0), x.std(0)
@@ -172,12 +173,14 @@ def _learn(training: FactorProblem, units: int, rng: np.random.Generator) -> Dis
     return DistilledNetwork(training.slots, inputs, tuple(distillation.on_raw_inputs(layers, mean, std)))
 
 
-def _shared(material: Material, measurements: Measurements | None, seed: int, start: float) -> Material:
+def _shared(
+    material: Material, measurements: Measurements | None, seed: int, start: float, progress: Callback
+) -> Material:
     """Return the small shared network, fitted to the measurements, else to the material."""
     wi, wo = sample_pairs(_VALIDATION, seed=seed)
     f = material.evaluate(wi, wo)
     truth = measurements or Measurements(wi, wo, f, material.report.get("name", "material"), "material")
-    small = fit(Material.pretrained(SHARED), truth, seed=seed)
+    small = fit(Material.pretrained(SHARED), truth, seed=seed, progress=progress)
     error = log_l1(small.evaluate(wi, wo), f, wo[:, 2])
     more: SpecializeReport = {"specialize_log_l1": small.report["log_l1"]} if measurements else {}
     small = dataclasses.replace(small, report={**material.report, **small.report})

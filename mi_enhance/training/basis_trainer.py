@@ -15,10 +15,12 @@ import numpy as np
 
 from ..material.low_rank import LowRank, with_basis
 from ..material.material import Material
-from ..neural.mlp import MLP
+from ..neural.mlp import MLP, flatten
 from ..neural.trunk import Trunk
 from ..numerics.schedules import cosine_decay
+from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
+from ..system.run_folder import keep_settings
 from .analytic_start import representative
 from .trainer import Trainer
 from .trunk_gradient import TrunkGradient
@@ -164,15 +166,18 @@ def train_basis(
     Raises
     ------
     ValueError
-        For a rank below 1, or a state of another rank.
+        For a rank below 1, or a state of another rank, of other steps or for another trunk.
     """
     if rank < 1 or not isinstance(trained, TrunkTrainer):
         raise ValueError(
             f"train_basis(): rank is {rank}, of a {type(trained).__name__}; needed: 1 or more, of a trunk."
         )
     folder = Path(folder)
-    trainer = BasisTrainer(trained, rank, steps)
     checkpoint = folder / "basis.npz"
+    trunk = digest(flatten(trained.result().networks))
+    settings = {"rank": rank, "steps": steps, "trunk": trunk}
+    keep_settings(folder / "basis.json", settings, "train_basis()", begun=checkpoint.exists())
+    trainer = BasisTrainer(trained, rank, steps)
     if checkpoint.exists():
         trainer.resume(checkpoint)
     losses: list[float] = []
@@ -184,7 +189,7 @@ def train_basis(
             mean, losses = float(np.mean(losses)), []
         progress(Progress("basis", trainer.step, steps, {"loss": mean}))
     network = trained.material()
-    report = {**network.report, "basis": {"rank": rank, "steps": steps, "loss": mean}}
+    report = {**network.report, "basis": {"rank": rank, "steps": steps}}
     network = Material(network.brdf, {}, report, library=network.library, low_rank=trainer.low_rank())
     network.save(folder / "network.bsdf")
     return network

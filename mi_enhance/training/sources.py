@@ -51,6 +51,9 @@ from .training_set import TrainingSet, rows_of
 
 # A fifth of MERL, aside for decisions while developing: every fifth material of the alphabetical list.
 HELD_OUT_EVERY = 5
+# Added to the seed of materials to judge by: made-up ones must not be those of the training. A source of a list has
+# 1,000 more than the one before.
+UNSEEN_SEED = 10**7
 _MAX_COUNT = 1_000_000  # materials of a source: their samples would be terabytes long before
 
 Source = Mapping[str, Any]

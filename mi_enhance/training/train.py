@@ -25,7 +25,7 @@ from .analytic_start import analytic_start, validate
 from .curve_picture import draw_curve
 from .imitation import imitate
 from .settings import TrainingSettings
-from .sources import build
+from .sources import UNSEEN_SEED, build
 from .trainer import Trainer
 from .trunk_trainer import TrunkTrainer
 
@@ -74,10 +74,8 @@ def train(
     folder = Path(folder)
     checkpoint = folder / "checkpoint.npz"
     keep_settings(folder / "config.json", settings.to_json(), "train()", begun=checkpoint.exists())
-    read = functools.partial(
-        build, n_samples=settings.n_samples, seed=settings.seed, cache=folder / "cache", progress=progress
-    )
-    samples = read(settings.data)
+    read = functools.partial(build, n_samples=settings.n_samples, cache=folder / "cache", progress=progress)
+    samples = read(settings.data, seed=settings.seed)
     brdf, kind = _network(settings), TrunkTrainer if settings.read_out else Trainer
     if checkpoint.exists():
         trainer = kind(brdf, samples, settings, np.ones((len(samples.names), brdf.n_parameters)))
@@ -87,9 +85,13 @@ def train(
             brdf = imitate(brdf, steps=settings.imitation_steps, seed=settings.seed, progress=progress)
         trainer = kind(brdf, samples, settings, analytic_start(brdf, samples))
     total = settings.steps
-    unseen = read(settings.validation) if settings.validation and trainer.step < total else None
+    validation = settings.validation and trainer.step < total
+    unseen = read(settings.validation, seed=settings.seed + UNSEEN_SEED) if validation else None
     unseen_start = analytic_start(brdf, unseen) if unseen else None
     refits = {total * k // (settings.refits + 1) for k in range(1, settings.refits + 1)}
+    # A killed run may have written a line after its checkpoint.
+    curve = [line for line in _curve(folder) if line["step"] <= trainer.step]
+    before = curve[-1]["seconds"] if curve else 0.0
     start, first, losses = time.perf_counter(), trainer.step, []
     figures: dict[str, float] = {}
     while trainer.step < total:
@@ -103,7 +105,7 @@ def train(
             if unseen and unseen_start is not None and (last or trainer.step % (every[0] * every[1]) == 0):
                 losses_unseen = _by_kind(unseen.kinds, validate(trainer.result(), unseen, unseen_start))
                 record |= {f"validation {kind}": loss for kind, loss in losses_unseen.items()}
-            curve = [*_curve(folder), {**record, "seconds": round(seconds, 1)}]
+            curve.append({**record, "seconds": round(before + seconds, 1)})
             # all lines at once: a killed run never leaves half a line
             write_text(folder / "curve.jsonl", "".join(json.dumps(line) + "\n" for line in curve))
             trainer.save(checkpoint)

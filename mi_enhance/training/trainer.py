@@ -72,8 +72,7 @@ class Trainer:
         rng = np.random.default_rng((self.settings.seed, step))
         start = mi.UInt32(rng.integers(0, total, self.n_materials).astype(np.uint32))
         offset = dr.repeat(start, n) + dr.tile(dr.arange(mi.UInt32, n), self.n_materials)
-        offset = dr.select(offset >= total, offset - total, offset)
-        return offset + total * dr.repeat(dr.arange(mi.UInt32, self.n_materials), n)
+        return offset % total + total * dr.repeat(dr.arange(mi.UInt32, self.n_materials), n)
 
     def gradients(self) -> tuple[np.ndarray, mi.Float, mi.Float]:
         """Return the loss (eq. 1) per material on the next batch, and the gradients of weights and of parameters."""

@@ -30,10 +30,12 @@ def test_contenders_that_are_asked_for(llvm, tmp_path):
     only = (REFERENCE, *ANALYTIC)
     told = []
     fitted = contenders(None, load(FILE, n_samples=1000), tmp_path, only=only, progress=told.append)
-    assert set(fitted) == set(only) and len(told) == len(list(tmp_path.iterdir())) == 4
+    assert set(fitted) == set(only) and len(told) == len(list(tmp_path.glob("*.bsdf"))) == 4
     contenders(None, load(FILE, n_samples=1000), tmp_path, only=only, progress=told.append)
     assert len(told) == 4
     assert all(c.multiply_adds == 0 and 32 < c.n_bytes < 60 for c in fitted.values())
+    with pytest.raises(ValueError, match='fits to "satin_rosaline".*other settings \\(samples\\)'):
+        contenders(None, load(FILE, n_samples=1000, seed=1), tmp_path, only=only)  # measured once more
 
 
 def test_odd_samples_are_what_they_say():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,6 +22,15 @@ def parser(description: str) -> argparse.ArgumentParser:
 def rgl_files(given: Sequence[str]) -> list[Path]:
     """The files given, else the bundled ones."""
     return [Path(name) for name in given] or sorted((BUNDLED / "rgl").glob("*.bsdf"))
+
+
+def keep_settings(args: argparse.Namespace) -> None:
+    """Keep the options of a run in its folder: what it leaves there is not taken for that of other options."""
+    from mi_enhance.system import run_folder
+
+    no_settings = ("json", "output", "data", "round_trip", "restarts")
+    settings = {name: value for name, value in vars(args).items() if name not in no_settings}
+    run_folder.keep_settings(Path(args.output) / "settings.json", settings, Path(sys.argv[0]).name)
 
 
 def measurements(files: Sequence[str], count: int | None, n_samples: int, seed: int = 0):

@@ -46,6 +46,7 @@ def main() -> None:
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     folder = Path(args.output)
+    common.keep_settings(args)
     everything = build(sources_of(args.sources), n_samples=8192, seed=args.seed, cache=folder / "cache")
     samples, aside = everything.split(4096)
     brdf = EnhancedBRDF(models.get("ggx"), {})

@@ -82,7 +82,7 @@ def main() -> None:
     mi.set_variant("llvm_ad_rgb")
     about = machine()
     folder = Path(args.output)
-    folder.mkdir(parents=True, exist_ok=True)
+    common.keep_settings(args)
     if args.round_trip or args.restarts:
         row = round_trip(args, folder) if args.round_trip else restarts(args)
         columns = {key: (key.replace("_", " "), ".4g" if isinstance(v, float) else "") for key, v in row.items()}
@@ -251,7 +251,7 @@ MODELS = {"GGX": ggx, "principled": principled, "enhanced": enhanced}
 def round_trip(args, folder: Path) -> dict:
     """The enhanced model fitted to photographs of one of its own materials."""
     network = common.network(args.network)
-    k = spread(library_shapes(network.brdf, network.library), 60)[args.seed - 2]
+    k = spread(library_shapes(network.brdf, network.library), 60)[48 + (args.seed - 2) % 12]
     row = parameters.unflatten(network.brdf.parameters, np.asarray(network.library[k], np.float64))
     # one that is no start: those are the first 48
     truth = Material(

@@ -42,6 +42,7 @@ def main() -> None:
     args = parser.parse_args()
     mi.set_variant("llvm_ad_rgb")
     folder = Path(args.output)
+    common.keep_settings(args)
     samples = build(sources_of(args.sources), n_samples=4096, seed=args.seed, cache=folder / "cache")
     begun, losses = time.process_time(), []
 

@@ -12,6 +12,7 @@ import twin_networks
 
 from mi_enhance.analytic import parameters
 from mi_enhance.fitting import losses
+from mi_enhance.fitting import objective as objective_module
 from mi_enhance.fitting.objective import Objective
 from mi_enhance.neural.enhance import enhance
 
@@ -128,8 +129,10 @@ def test_gradient_is_that_of_the_normal_equations(llvm, case):
     np.testing.assert_allclose(got, g, atol=GRADIENT * np.abs(g).max())
 
 
-def test_number_of_samples_may_be_prime(llvm):
-    """Blocks must not straddle materials, whatever divides the number of samples."""
+def test_number_of_samples_may_be_prime(llvm, monkeypatch):
+    """Blocks must not straddle materials, whatever divides the number of samples; here 63, 63, 63, 62."""
+    whole = objective_module._BLOCK
+    monkeypatch.setattr(objective_module, "_BLOCK", 64)
     brdf, n = enhance("ggx", ()), 251
     wi, wo = twin.pairs(2 * n, seed=1, min_cos=0.1)
     f = np.ascontiguousarray(np.random.default_rng(0).uniform(0, 1, (3, 2 * n)).astype(np.float32))
@@ -137,6 +140,7 @@ def test_number_of_samples_may_be_prime(llvm):
     both = Objective(brdf, lanes.vectors(wi), lanes.vectors(wo), mi.Color3f(f), n)
     u = both.space.to_free(u)
     h, g, loss = both.normal_equations(u, np.full(2, 0.01))
+    monkeypatch.setattr(objective_module, "_BLOCK", whole)
     for k, part in enumerate((slice(0, n), slice(n, 2 * n))):
         one = Objective(
             brdf, lanes.vectors(wi[part]), lanes.vectors(wo[part]), mi.Color3f(np.ascontiguousarray(f[:, part])), n

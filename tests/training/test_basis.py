@@ -44,7 +44,9 @@ def test_a_basis_is_trained_and_goes_on(llvm, tmp_path):
     np.testing.assert_allclose(np.square(low.library[:, -6:]).mean(0), 1, rtol=1e-4)
     np.testing.assert_array_equal(low.library, of_low_rank(network, "test").library.astype(np.float32))
     # a finished run trains no further
-    assert train_basis(trained, tmp_path, rank=2, steps=40).report["basis"]["steps"] == 40
+    assert train_basis(trained, tmp_path, rank=2, steps=40).report["basis"] == network.report["basis"]
+    with pytest.raises(ValueError, match="of a run with other settings \\(steps\\)"):
+        train_basis(trained, tmp_path, rank=2, steps=50)
 
 
 def test_a_basis_needs_a_trunk_and_a_rank(llvm, tmp_path):

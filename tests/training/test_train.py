@@ -20,6 +20,7 @@ from mi_enhance.training.imitation import _random, imitate, imitation_error
 from mi_enhance.training.settings import TrainingSettings
 from mi_enhance.training.sources import build
 from mi_enhance.training.train import train
+from mi_enhance.training.trainer import Trainer
 
 CONFIG = {
     "inputs": "symmetric",
@@ -125,6 +126,23 @@ def test_finished_run_is_returned_as_it_is(llvm, tmp_path):
     again = train(CONFIG, tmp_path / "run")
     for a, b in zip(final(first), final(again), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_materials_to_judge_by_are_not_trained_on(llvm, tmp_path):
+    """Sources of the same kind, at the same place of both lists."""
+    config = CONFIG | {"data": [{"kind": "assorted", "count": 2}], "validation": [{"kind": "assorted", "count": 2}]}
+    train(config | {"steps": 2, "imitation_steps": 0}, tmp_path)
+    a, b = (np.load(file)["samples"] for file in sorted((tmp_path / "cache").glob("*.npz")))
+    assert a.shape == b.shape and np.isin(a, b).mean() < 1e-3  # some are 0
+
+
+def test_batch_larger_than_the_samples_stays_within_the_material(llvm, tmp_path):
+    """Samples come twice then, and never from the next material."""
+    settings = TrainingSettings(n_samples=16, batch=40)
+    samples = build([{"kind": "assorted", "count": 3}], n_samples=16, seed=0, cache=tmp_path)
+    trainer = Trainer(enhance("ggx", ()), samples, settings, np.ones((3, 12)))
+    index = np.array(trainer._indices(0)).reshape(3, 40)
+    assert (index // 16 == np.arange(3)[:, None]).all()
 
 
 def test_network_file_holds_what_was_trained(llvm, tmp_path):
