@@ -137,7 +137,7 @@ def train_hybrid(
         values[name][:] = rng.normal(0, np.sqrt(share / len(values[name])), values[name].shape)
     values["b3"][:] = np.repeat(_FIRST_BIAS, 3)
     values["u"] = np.clip(start, LOW, HIGH).astype(np.float32)
-    adam = Adam(values, learning_rate, steps, warm_up=min(200, max(1, steps // 4)))
+    adam = Adam(values, learning_rate, steps, warm_up=200)
     if checkpoint.exists():
         with np.load(checkpoint, allow_pickle=False) as stored:
             adam.resume(stored)

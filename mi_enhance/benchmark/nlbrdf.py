@@ -68,7 +68,7 @@ def train_nlbrdf(
         As of :func:`initial`.
     """
     values = initial(len(samples.names), seed)
-    adam = Adam(values, learning_rate, steps, warm_up=min(100, max(1, steps // 4)))
+    adam = Adam(values, learning_rate, steps, warm_up=100)
     if checkpoint.exists():
         with np.load(checkpoint, allow_pickle=False) as stored:
             adam.resume(stored)

@@ -12,10 +12,9 @@ from .objective import Objective
 from .problems import stacked
 
 
-def objective(brdf: EnhancedBRDF, measurements: Measurements, copies: int = 1, index=slice(None)) -> Objective:
-    """Return the loss of `copies` independent parameter sets on the samples `index` of one material."""
-    wi, wo, f = (a[index] for a in (measurements.wi, measurements.wo, measurements.f))
-    return stacked(brdf, wi, wo, np.broadcast_to(f, (copies, *f.shape)))
+def objective(brdf: EnhancedBRDF, measurements: Measurements) -> Objective:
+    """Return the loss of one material on its samples."""
+    return stacked(brdf, measurements.wi, measurements.wo, measurements.f[None])
 
 
 def analytic_starts(brdf: EnhancedBRDF) -> np.ndarray:

@@ -22,8 +22,8 @@ class CodeObjective(TrunkObjective):
     of the codes are its rows times one number per factor.
     """
 
-    def __init__(self, brdf, wi, wo, f, n: int, evaluators=None):
-        super().__init__(brdf, wi, wo, f, n, evaluators)
+    def __init__(self, brdf, wi, wo, f, n: int):
+        super().__init__(brdf, wi, wo, f, n)
         (w, b), *_ = cast(MLP, self.trunk.basis).layers
         self._basis = np.append(w, b[:, None], 1)
 

@@ -1,7 +1,8 @@
 """The loss of fits. It takes Dr.Jit arrays (for gradients) and NumPy arrays (for reports) alike.
 
 A fit minimizes the mean absolute difference of compressed reflectance: another :func:`compressed` is another loss, and
-only this file says which. Whatever minimizes (:mod:`mi_enhance.fitting.objective`) works on compressed values.
+only this file says which, but for its slope in ``FactorProblem._slopes`` of specialization. Whatever minimizes
+(:mod:`mi_enhance.fitting.objective`) works on compressed values.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ import numpy as np
 
 from ..analytic import geometry, parameters
 from ..analytic.parameter_space import Space
-from ..neural import trainable
 from ..neural import trunk as trunk_module
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.replacements import scaled
@@ -32,8 +31,8 @@ _CURVATURE = 8192  # samples whose products say how far a step goes; all of them
 class TrunkObjective(Objective):
     """As :class:`mi_enhance.fitting.objective.Objective`, of a BRDF with a trunk and no modules."""
 
-    def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int, evaluators: Any = None):
-        super().__init__(brdf, wi, wo, f, n, trainable.fused(brdf.networks) if evaluators is None else evaluators)
+    def __init__(self, brdf: EnhancedBRDF, wi, wo, f, n: int):
+        super().__init__(brdf, wi, wo, f, n)
         self.trunk = cast(Trunk, brdf.trunk)
         self._rest = brdf.parameters[:-1]  # all but the read-out, or the code
         self._rest_space = Space(self._rest)

@@ -13,6 +13,7 @@ from ..analytic import geometry, parameters
 from ..analytic.models.model import Model
 from ..analytic.parameter_space import Space
 from ..analytic.parameters import ASYMMETRY
+from ..fitting.losses import compressed
 from ..fitting.objective import _gradient
 from ..neural.inputs import named
 from ..neural.replacements import scaled
@@ -49,7 +50,7 @@ class OwnProblem:
         Features are standardized by them.
     """
 
-    def __init__(self, model: Model, slots, inputs, hidden, wi, wo, f, values, moving, mean, std, weights=None):
+    def __init__(self, model: Model, slots, inputs, hidden, wi, wo, f, values, moving, mean, std):
         self.model, self.slots, self.inputs = model, tuple(slots), tuple(inputs)
         self.parameters = (*model.parameters, ASYMMETRY)
         self.space = Space(self.parameters)
@@ -57,9 +58,8 @@ class OwnProblem:
         self.moving = moving
         self.wi, self.wo, self.n = vector3f(wi), vector3f(wo), len(wi)
         self.cos = wo[:, 2].astype(np.float32)
-        self.truth = np.log1p(f.T.astype(np.float32) * self.cos)
+        self.truth = compressed(f.T.astype(np.float32), self.cos)
         self.mean, self.std = mean, std
-        self.weights = np.ones(self.n, np.float32) if weights is None else weights.astype(np.float32)
         n_out, seen = _CHANNELS * len(self.slots), len(self.inputs)
         self.shapes = []
         for n in (*hidden, n_out):
@@ -137,12 +137,11 @@ class OwnProblem:
             _, record, above, features = self._start(free, grad=False)
             y = _forward(layers, self._x(features))[0]
             f = self.f(record, above, columns.lanes(y.T))
-            return self.truth - np.log1p(columns.matrix(columns.pack(list(f)), 3) * self.cos)
+            return self.truth - compressed(columns.matrix(columns.pack(list(f)), 3), self.cos)
 
     def loss(self, u: np.ndarray) -> np.ndarray:
         """Return the mean absolute difference of the logarithms, (1,)."""
-        r = np.abs(self.residuals(u[0])).mean(0, dtype=np.float64)
-        return np.array([(r * self.weights).sum() / self.weights.sum()])
+        return np.array([np.abs(self.residuals(u[0])).mean(dtype=np.float64)])
 
     def normal_equations(self, u: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See :meth:`mi_enhance.fitting.objective.Objective.normal_equations`."""
@@ -153,7 +152,7 @@ class OwnProblem:
         logs = columns.lanes(y.T)
         dr.enable_grad(logs)
         f = self.f(record, above, logs)
-        r = [dr.log(1 + c * self.wo.z) for c in f]
+        r = [compressed(c, self.wo.z) for c in f]
         rows = []
         for c in range(_CHANNELS):
             rows += [dr.detach(r[c]), *_gradient(r[c], [*leaves, *logs[c::3]], mi.Float(1))]
@@ -172,22 +171,21 @@ class OwnProblem:
             direct = (direct + self._through(features, leaves, dx / self.std)) @ moving
             indices.append(np.concatenate([np.arange(q), places[c]]))
             smooth = np.sqrt(value * value + np.float32(epsilon[0]) ** 2)
-            total += float((smooth * self.weights).sum(dtype=np.float64))
-            weight = self.weights / smooth
+            total += float(smooth.sum(dtype=np.float64))
+            weight = 1 / smooth
             pairs = [(np.ones((self.n, 1), np.float32), direct)]
             for (seen, _), dz in zip(kept, deltas, strict=True):
                 pairs += [(seen, dz), (pairs[0][0], dz)]
             for first in range(0, self.n, _PART):
                 parts.append((c, pairs, weight, value, slice(first, first + _PART), first < some))
-        share = self.weights[:some].sum() / self.weights.sum()
         for (c, *_), (gc, squares, hc) in zip(parts, in_threads(lambda v: _sums(*v[1:]), parts), strict=True):
             g[indices[c]] += gc
             diagonal[indices[c]] += squares
             if hc is not None:
-                h[np.ix_(indices[c], indices[c])] += hc / share
+                h[np.ix_(indices[c], indices[c])] += hc * (self.n / some)
         # A weight that hardly any of these samples feels must not take a huge step: it has the curvature of all.
         np.fill_diagonal(h, np.maximum(h.diagonal(), diagonal))
-        n = _CHANNELS * self.weights.sum()
+        n = _CHANNELS * self.n
         return h[None] / n, g[None] / n, np.array([total / n])
 
     def _places(self, q: int) -> list[np.ndarray]:

@@ -17,7 +17,6 @@ from ..material.low_rank import LowRank, with_basis
 from ..material.material import Material
 from ..neural.mlp import MLP, flatten
 from ..neural.trunk import Trunk
-from ..numerics.schedules import cosine_decay
 from ..system.files import digest
 from ..system.progress import Callback, Progress, silent
 from ..system.run_folder import keep_settings
@@ -112,15 +111,8 @@ class BasisTrainer(TrunkTrainer):
         read = read.reshape(self.n_materials, self.slots, -1).astype(np.float64)
         of_codes = np.einsum("msk,srk->msr", read, basis) + (2 * _RIDGE / codes.size) * codes
         of_basis = np.einsum("msk,msr->srk", read, codes)
-        fall = cosine_decay(self.step, self.steps, warm_up=min(_WARM_UP, max(1, self.steps // 4)))
-        self.optimizer.set_learning_rate({key: rate * fall for key, rate in _RATES.items()})
         gradients = params, *(mi.Float(g.ravel().astype(np.float32).tolist()) for g in (of_codes, of_basis))
-        for key, gradient in zip(self.keys, gradients, strict=True):
-            dr.set_grad(self.optimizer[key], gradient)
-        self.optimizer.step()
-        clipped = dr.clip(dr.detach(self.optimizer["parameters"]), self._low, self._high)
-        self.optimizer["parameters"] = clipped
-        self.step += 1
+        self._descend(_RATES.values(), gradients, self.steps, _WARM_UP)
         return loss
 
     def low_rank(self) -> LowRank:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -93,20 +93,21 @@ class Trainer:
 
     def advance(self) -> np.ndarray:
         """Take one step and return the loss of every material before it."""
-        loss, weights, params = self.gradients()
-        steps = self.settings.steps
-        fall = cosine_decay(self.step, steps, warm_up=min(_WARM_UP, max(1, steps // 4)))
-        self.optimizer.set_learning_rate(
-            {"weights": self.settings.lr * fall, "parameters": self.settings.lr_parameters * fall}
-        )
-        for key, gradient in (("weights", weights), ("parameters", params)):
+        loss, *gradients = self.gradients()
+        self._descend((self.settings.lr, self.settings.lr_parameters), gradients, self.settings.steps)
+        self.trainable.weights = cast(mi.Float, self.optimizer["weights"])
+        return loss
+
+    def _descend(self, rates: Iterable[float], gradients: Iterable[Any], steps: int, warm_up: int = _WARM_UP) -> None:
+        """Take a step of the optimizer by the gradients of what it moves, one for each of its keys."""
+        fall = cosine_decay(self.step, steps, warm_up=warm_up)
+        self.optimizer.set_learning_rate({key: rate * fall for key, rate in zip(self.keys, rates, strict=True)})
+        for key, gradient in zip(self.keys, gradients, strict=True):
             dr.set_grad(self.optimizer[key], gradient)
         self.optimizer.step()
         clipped = dr.clip(dr.detach(self.optimizer["parameters"]), self._low, self._high)
         self.optimizer["parameters"] = clipped
-        self.trainable.weights = cast(mi.Float, self.optimizer["weights"])
         self.step += 1
-        return loss
 
     def refit(self) -> None:
         """Fit every material anew, from where it is and from where it started; the better one stays.

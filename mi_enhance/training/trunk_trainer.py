@@ -12,9 +12,8 @@ from ..analytic import parameter_space
 from ..neural.enhance import FIRST_ASYMMETRY, first_latent
 from ..neural.enhanced_brdf import EnhancedBRDF
 from ..neural.trunk import Trunk
-from ..numerics.schedules import cosine_decay
 from .settings import TrainingSettings
-from .trainer import _WARM_UP, Trainer
+from .trainer import Trainer
 from .training_set import TrainingSet
 from .trunk_gradient import TrunkGradient
 
@@ -74,18 +73,10 @@ class TrunkTrainer(Trainer):
             weights, flat, read, self._data, self._indices(self.step), self._importance()
         )
         read_gradient = read_gradient + (2 * _RIDGE / read.size) * read
-        steps = self.settings.steps
-        fall = cosine_decay(self.step, steps, warm_up=min(_WARM_UP, max(1, steps // 4)))
         rates = (self.settings.lr, self.settings.lr_parameters, self.settings.lr_read_out)
-        self.optimizer.set_learning_rate({key: rate * fall for key, rate in zip(self.keys, rates, strict=True)})
         gradients = (self.trainable.gradient(), params, mi.Float(read_gradient.ravel()))
-        for key, gradient in zip(self.keys, gradients, strict=True):
-            dr.set_grad(self.optimizer[key], gradient)
-        self.optimizer.step()
-        clipped = dr.clip(dr.detach(self.optimizer["parameters"]), self._low, self._high)
-        self.optimizer["parameters"] = clipped
+        self._descend(rates, gradients, self.settings.steps)
         self.trainable.weights = cast(mi.Float, self.optimizer["weights"])
-        self.step += 1
         return loss
 
     def refit(self) -> None:
