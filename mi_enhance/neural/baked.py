@@ -140,7 +140,7 @@ class Stored:
         self._weights, self._bias = mi.TensorXf(np.ascontiguousarray(w)), mi.Float(b)
 
     def fold(self, features: Sequence, begun: Sequence[mi.Float] | None = None) -> list[mi.Float]:
-        """As :meth:`Baked.fold`, of detached features of one lane."""
+        """As :meth:`Baked.fold`, of features of one lane."""
         flat: Any = self._bias if begun is None else dr.concat(list(begun))
         if features:
             x = dr.zeros(mi.Float, len(features))  # what is None adds nothing

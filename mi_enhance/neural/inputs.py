@@ -199,7 +199,7 @@ def of_directions(q: Mapping, inputs: str, wi: Any, wo: Any, nodes: Iterable[Nod
     q : dict
         Quantities of :func:`mi_enhance.analytic.geometry.quantities`, in the material's frame, and parameters. Without
         ``asymmetry``, which :mod:`mi_enhance.neural.simplify` may have left out, its two features are left out, too.
-    inputs : {"shape", "own", "symmetric", "directions"}
+    inputs : {"shape", "reciprocal", "own", "symmetric", "directions"}
     wi, wo : mi.Vector3f
         Directions in the frame of the surface.
     nodes : iterable of Node

@@ -71,7 +71,7 @@ def of_parameters(p: Mapping, inputs: str, model: Model) -> list:
     ----------
     p : dict
         Parameter values. One that is None, for colours and ``latent`` a list of them, gives None: it is not known yet.
-    inputs : {"shape", "own", "symmetric", "directions"}
+    inputs : {"shape", "reciprocal", "own", "symmetric", "directions"}
     model : Model
 
     Returns

@@ -1,4 +1,4 @@
-"""The material that is best on samples it did not see: the shared network, or one of the material's own."""
+"""The shared network, or one of the material's own: which is better on samples that the own one did not learn."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def fit_best(
         if own == "always" or own_error < error:
             found = finished(found)  # which moves a factor into its colour: it is judged as it will be used
             own_error = error_of(found, unseen)
-        errors = f"error on unseen samples {own_error:.5f}, of the shared network {error:.5f}"
+        errors = f"error on samples it did not learn {own_error:.5f}, of the shared network, which did, {error:.5f}"
         if own == "always" or own_error < error:
             chosen = f"own network {size}-{size}: {errors}"
             shared = reported(found, measurements)

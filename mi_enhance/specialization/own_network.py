@@ -69,7 +69,7 @@ def own_network(
     seed : int
         Of first weights.
     progress : callable
-        Hears of every step.
+        Hears of every stage.
     """
     start = _isotropic(material) if _is_isotropic(material) and not hold else material
     make = _problems(start, hidden, reciprocal, hold)

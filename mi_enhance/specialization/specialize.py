@@ -55,7 +55,7 @@ def specialize(
     Parameters
     ----------
     material : Material
-        With networks. It is kept: ``specialize(m).unspecialized`` is `m` again.
+        With networks. They and its parameters are kept: ``specialize(m).unspecialized`` evaluates as `m`.
     measurements : Measurements, optional
         The measurements it was fitted to. The small network then follows them, and may become more accurate than the
         modules it comes from.
