@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
 from ..data.loading import load
 from ..data.measurements import Measurements
 from ..fitting.fit import fit
 from ..material.material import Material
+from ..neural import baked
+from ..neural.cooperative import Cooperative
 from ..output.figure import sheet
 from ..system.files import material_name
 from ..system.progress import Callback, Progress, silent
@@ -24,6 +27,7 @@ LABELS = {
     8: (variants.ENHANCED, *variants.RESIDUALS, variants.ALL),
     11: (variants.ENHANCED, variants.NODES),
 }
+_MOST_BAKED = 10_000  # multiply-adds that are compiled as literals; 35,000 take longer than all else together
 _SHOWN = {variants.ENHANCED: "nodes and operators"}
 
 
@@ -99,8 +103,11 @@ def _bsdf(m: Material, lobe: Material) -> mi.BSDF:
         return m.bsdf()
     from ..bsdfs.function import function_bsdf
 
-    params = m.as_drjit()
-    return function_bsdf(lambda wi, wo: m.brdf(wi, wo, params), lobe)
+    kind = baked.Baked if m.brdf.multiply_adds < _MOST_BAKED else Cooperative
+    params, evaluators = m.as_drjit(), m.brdf.evaluators(kind)
+    folded = m.brdf.fold(params, evaluators)
+    dr.make_opaque(folded)
+    return function_bsdf(lambda wi, wo: m.brdf(wi, wo, params, evaluators, folded), lobe)
 
 
 def sizes(folder: Path, *, steps: int = 4000, scale: float = 1.0, seed: int = 0, progress: Callback = silent) -> list:
