@@ -60,19 +60,17 @@ def _rank(material: Material) -> int:
     return material.low_rank.basis.sizes[-1] // material.brdf.trunk.n_outputs
 
 
-def parse(text: bytes, where: str) -> dict:
-    """Return a description, or raise unless it is one of a material that this package reads."""
+def parse(text: bytes | str, where: str, kind: str = KIND, newest: int = FORMAT) -> dict:
+    """Return a description, or raise unless it is one of this kind, of a format that this package reads."""
     try:
         description = json.loads(text)
-        kind, version = description["kind"], description["format"]
+        found, version = description["kind"], description["format"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:  # RecursionError: a million opening brackets
-        raise ValueError(f"{where}: its description is not one of a material of mi_enhance ({error!r}).") from error
-    if kind != KIND or not isinstance(version, int):
-        raise ValueError(f'{where}: its description says kind "{kind}"; "{KIND}" is needed.')
-    if version > FORMAT:
-        raise ValueError(
-            f"{where}: file format {version} is newer than this package reads ({FORMAT}). Upgrade mi_enhance."
-        )
+        raise ValueError(f"{where}: its description is not one of mi_enhance ({error!r}).") from error
+    if found != kind or not isinstance(version, int):
+        raise ValueError(f'{where}: its description says kind "{found}"; "{kind}" is needed.')
+    if version > newest:
+        raise ValueError(f"{where}: format {version} is newer than this package reads ({newest}). Upgrade mi_enhance.")
     return description
 
 

@@ -15,6 +15,7 @@ from ..analytic import parameters
 from ..neural import mlp
 from ..system.exr_channels import read_channels
 from ..system.files import digest, replacing, require_file
+from .description import parse
 from .material import Material
 
 FORMAT = 1  # of the files; a reader refuses what is newer
@@ -156,7 +157,7 @@ class MaterialMaps:
                 f'{where}: an OpenEXR file, but not maps of mi_enhance: its header has no "{_ATTRIBUTE}". A single '
                 "texture goes into the scene by the name of its parameter."
             )
-        description = _read_description(header[_ATTRIBUTE], where)
+        description = parse(header[_ATTRIBUTE], where, _KIND, FORMAT)
         ours = _digest(material)
         if description.get("digest") != ours:
             raise ValueError(
@@ -233,16 +234,3 @@ def _joined(material: Material, channels: Mapping[str, np.ndarray], where: str) 
         if not missing:
             maps[name] = np.stack([channels[c] for c in wanted], axis=2)
     return maps
-
-
-def _read_description(text, where: str) -> dict:
-    try:
-        description = json.loads(text)
-        kind, version = description["kind"], description["format"]
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise ValueError(f"{where}: its description is not one of maps of mi_enhance ({error!r}).") from None
-    if kind != _KIND or not isinstance(version, int):
-        raise ValueError(f'{where}: its description says kind "{kind}"; "{_KIND}" is needed.')
-    if version > FORMAT:
-        raise ValueError(f"{where}: format {version} is newer than this package reads ({FORMAT}). Upgrade mi_enhance.")
-    return description

@@ -36,7 +36,7 @@ def keep_settings(file: Path, settings: Mapping, where: str, *, begun: bool = Tr
     >>> keep_settings(file, {"seed": 0}, "train()")
     >>> keep_settings(file, {"seed": 1}, "train()")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    ValueError: train(): "...settings.json" is of a run with other settings (seed). Choose another folder, or empty ...
+    ValueError: train(): "...settings.json" is of a run with other settings (seed). Choose another folder, or ...
     """
     file = Path(file)
     text = json.dumps(settings, indent=2) + "\n"
@@ -46,7 +46,7 @@ def keep_settings(file: Path, settings: Mapping, where: str, *, begun: bool = Tr
         if kept != asked:
             raise ValueError(
                 f'{where}: "{file}" is of a run with other settings ({_differing(kept, asked)}). '
-                f'Choose another folder, or empty "{file.parent}".'
+                "Choose another folder, or start with an empty one."
             )
         return
     file.parent.mkdir(parents=True, exist_ok=True)

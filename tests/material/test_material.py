@@ -223,12 +223,12 @@ def test_wrong_tensors_are_refused(saved, changed, message):
 @pytest.mark.parametrize(
     "description, message",
     [
-        ("{", "its description is not one of a material"),
-        ("[]", "its description is not one of a material"),
-        ("{}", "its description is not one of a material"),
-        ("[" * 200_000, "its description is not one of a material"),
+        ("{", "its description is not one of mi_enhance"),
+        ("[]", "its description is not one of mi_enhance"),
+        ("{}", "its description is not one of mi_enhance"),
+        ("[" * 200_000, "its description is not one of mi_enhance"),
         ({"kind": "something else"}, 'its description says kind "something else"; "mi_enhance material" is needed'),
-        ({"format": 6}, r"file format 6 is newer than this package reads \(5\)\. Upgrade mi_enhance"),
+        ({"format": 6}, r"format 6 is newer than this package reads \(5\)\. Upgrade mi_enhance"),
         ({"format": "1"}, "its description says"),
         ({"model": "phong"}, 'cannot be understood: .*unknown model "phong"'),
         ({"model": ["ggx"]}, "cannot be understood"),
