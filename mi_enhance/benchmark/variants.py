@@ -117,16 +117,14 @@ def trained(
     samples, unseen = (_samples(name, folder, scale, seed, progress) for name in ("materials", "unseen"))
     settings = TrainingSettings(n_samples=samples.n_samples, batch=32, steps=steps, lr=4e-3, seed=seed)
     own = folder / label.replace(" ", "_").replace(",", "")
-    brdf = _BUILD[label]()
-    trainer = Trainer(brdf, samples, settings, analytic_start(brdf, samples, folder / "analytic.npz"))
+    own.mkdir(parents=True, exist_ok=True)
     checkpoint = own / "checkpoint.npz"
+    brdf = _BUILD[label]()
+    if not checkpoint.exists() and label not in RESIDUALS:  # which are 0 at first
+        brdf = imitate(brdf, steps=min(1000, steps), seed=seed, progress=progress)
+    trainer = Trainer(brdf, samples, settings, analytic_start(brdf, samples, folder / "analytic.npz"))
     if checkpoint.exists():
         trainer.resume(checkpoint)
-    else:
-        own.mkdir(parents=True, exist_ok=True)
-        if label not in RESIDUALS:  # which are 0 at first
-            brdf = imitate(brdf, steps=min(1000, steps), seed=seed, progress=progress)
-            trainer = Trainer(brdf, samples, settings, analytic_start(brdf, samples, folder / "analytic.npz"))
     while trainer.step < steps:
         loss = float(trainer.advance().mean())
         if trainer.step % max(1, steps // _SAVES) == 0 or trainer.step == steps:
