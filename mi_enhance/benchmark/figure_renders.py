@@ -129,5 +129,7 @@ def _plot(rows: Sequence[Mapping], path: Path) -> None:
             axes.set_ylabel(text)
             axes.grid(alpha=0.3)
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("{x:g}")
         axes.tick_params(axis="x", rotation=45)
         axes.legend(fontsize=8)
