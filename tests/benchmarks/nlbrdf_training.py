@@ -1,6 +1,6 @@
 """NLBRDF's architecture, trained on our training materials and fitted to RGL files: log-L1 on unseen samples.
 
-1.06 million weights: a minute of one core is some 200 steps of 2,048 rows. The result says what the budget buys, not
+1.06 million weights: a minute of one core is some 400 steps of 2,048 rows. The result says what the budget buys, not
 what the form can do with days on a GPU. A run that was interrupted goes on.
 """
 
