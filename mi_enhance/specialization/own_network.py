@@ -29,8 +29,8 @@ from . import distillation
 from .own_problem import OwnProblem
 
 _SEEDS = 4  # first weights that are tried
-# Samples, most steps of a network of up to 8 units a layer. Larger ones settle later: with twice the steps, in all stages
-# or the first two, 12-12 came to 0.92 to 0.98 of the error on six MERL materials kept aside.
+# Samples, most steps of a network of up to 8 units a layer. Larger ones settle later: with twice the steps, in all
+# stages or the first two, 12-12 came to 0.92 to 0.98 of the error on six MERL materials kept aside.
 _STAGES = ((2048, 8), (4096, 15), (12288, 25), (32768, 20), (1 << 17, 10))
 # Curvature of a part of the samples may ask for far too long steps: a shorter one costs less than a new linearization.
 _TRIES = 6
