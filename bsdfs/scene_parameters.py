@@ -62,7 +62,8 @@ class SceneParameters:
         # a specialized material has them in the weights of its own network
         self._hidden = {p.name for p in brdf.parameters if p.kind == "latent" or p.name.startswith("norm_")}
         self._hidden = self._hidden if brdf.distilled else set()
-        read = [p for p in brdf.parameters if brdf.evaluated or p.name not in self._hidden]
+        unread = set() if brdf.evaluated else self._hidden
+        read = [p for p in brdf.parameters if p.name not in unread]
         self._parameters = {p.name: p for p in read}
         self._colours = [p.name for p in read if p.is_colour]
         self.values, self.textures, self.inside, self.spectra = {}, textures_of(props, material), {}, {}

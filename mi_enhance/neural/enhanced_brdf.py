@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -86,10 +85,8 @@ class EnhancedBRDF:
         if any(c.channels == 3 for c in self.distilled):
             return {}
         covered = {slot for c in self.distilled for name in c.slots for slot in self.model.graph.find(name).slots}
-        result = {slot: mlp for slot, mlp in self.modules.items() if slot not in covered}
-        if self.trunk and set(self.read_slots) - covered:
-            result |= self.trunk.networks
-        return result
+        read = self.trunk.networks if self.trunk and set(self.read_slots) - covered else {}
+        return {**{slot: mlp for slot, mlp in self.modules.items() if slot not in covered}, **read}
 
     @property
     def read_slots(self) -> tuple[str, ...]:
@@ -123,16 +120,11 @@ class EnhancedBRDF:
         """Enhancement state: one digit per slot, 1 where a network stands (section 4.1)."""
         return tuple(int(slot in self._slots) for slot in self.model.graph.slots)
 
-    @functools.cached_property
-    def _limits(self) -> dict[str, float]:
-        return replacements.max_logs(self.model.graph, self.modules)
-
     @property
     def _slots(self) -> tuple[str, ...]:
         evaluated = self.evaluated
         read = self.read_slots if NAME in evaluated else ()
-        distilled = (slot for c in self.distilled for slot in c.slots)
-        return (*(slot for slot in self.modules if slot in evaluated), *read, *distilled)
+        return (*(evaluated.keys() & self.modules.keys()), *read, *(slot for c in self.distilled for slot in c.slots))
 
     @property
     def multiply_adds(self) -> int:
@@ -146,8 +138,7 @@ class EnhancedBRDF:
         """
         evaluated, colours = self.evaluated, parameters.colours(self.model.parameters)
         total = sum(c.multiply_adds for c in self.distilled)
-        if self.trunk and NAME in evaluated:
-            total += self.trunk.multiply_adds
+        total += self.trunk.multiply_adds if self.trunk and NAME in evaluated else 0
         for slot in self.modules.keys() & evaluated.keys():
             node = self.model.graph.find(slot)
             total += evaluated[slot].multiply_adds * (3 if node.args and node.reads(colours) else 1)  # by channel
@@ -261,7 +252,7 @@ class EnhancedBRDF:
         """
         graph, slots = self.model.graph, [slot for slot in self.evaluated if slot in self.modules]
         x = of_directions(record, self.inputs, wi, wo, map(graph.find, slots))
-        limits = self._limits
+        limits = replacements.max_logs(graph, self.modules) if self.modules else {}
         functions = {
             slot: self._function(slot, x[slot], evaluators[slot], folded[slot], limits[slot]) for slot in slots
         }
